@@ -23,7 +23,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, UNDETECTED, VALUE, DeclaredErrors, Prior
+from scara_kinetostatic.calibration.declared_errors import (
+    LARGE_EFFECT,
+    RIVALS,
+    UNDETECTED,
+    VALUE,
+    DeclaredErrors,
+    Prior,
+)
 from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,

@@ -30,7 +30,6 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import (
-    MixedModel,
     averaged,
     fit_mixed,
     with_large_effects,
@@ -40,7 +39,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, significance
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
+from scara_kinetostatic.diagnosis.search import Moment, Rivals, Search, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
@@ -206,14 +205,14 @@ def _with_extended_model(
         found: the effects that are named.
         known: the catalogue.
     """
-    weighted = list[MixedModel]()
+    likely = Rivals()
     if found.rivals:
-        found, weighted = fit_rivals(found, known)
+        found, likely = fit_rivals(found, known)
     when = moments(found.fit)
     fit = _with_moments(found.fit, when)
     after = adequacy(fit)
-    rivals = [_with_moments(rival.fit, moments(rival.fit)) for rival in weighted]
-    fit = with_large_effects(averaged(fit, weighted), found.model)
+    rivals = [_with_moments(rival.fit, moments(rival.fit)) for rival in likely.models]
+    fit = with_large_effects(averaged(fit, (*likely.models, *likely.more_general), likely.weights), found.model)
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':

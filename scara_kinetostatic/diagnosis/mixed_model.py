@@ -517,17 +517,21 @@ def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
     return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
-def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
+def averaged(c: Calibration, rivals: Sequence[MixedModel], weights: Sequence[float]) -> Calibration:
     """A fit with the scatter of its rivals in the covariance of its L̄, and what they are less certain of than it is:
-    the likelihood of the sizes then has several maxima, one for each. They count alike, as the touches do not rule
-    them out.
+    the likelihood of the sizes then has several maxima, one for each.
+
+    Args:
+        c: the fit.
+        rivals: with it, or with their union that it is.
+        weights: of each, (m,).
     """
     if len(rivals) < 2:
         return c
-    count, theirs = c.model.base_count, c.covariance.copy()
+    count, theirs, part = c.model.base_count, c.covariance.copy(), np.array(weights) / np.sum(weights)
     off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
-    theirs[:count, :count] = np.mean([rival.fit.covariance[:count, :count] for rival in rivals], axis=0)
-    return _with_scatter(c, RIVALS, off, np.full(len(rivals), 1 / len(rivals)), theirs)
+    theirs[:count, :count] = np.tensordot(part, [rival.fit.covariance[:count, :count] for rival in rivals], 1)
+    return _with_scatter(c, RIVALS, off, part, theirs)
 
 
 def with_places(c: Calibration, effect: Effect, values: Floats, weight: Floats) -> Calibration:

@@ -230,18 +230,16 @@ def _is_significantly_better(scored_subsets: ScoredSubsets, subset: Subset, othe
     return float(special.chdtrc(max(more, 1), max(gain, 0.0))) < STRICT_SIGNIFICANCE
 
 
-def _is_replaced(scored_subsets: ScoredSubsets, subset: Subset, near: Sequence[Subset]) -> bool:
-    """Whether, with a special case in place of an effect of a set, another set is as good, or needs fewer effects."""
-    cases = _special_cases(subset.members)
+def _is_replaced(subset: Subset, near: Sequence[Subset]) -> bool:
+    """Whether, with a special case in place of an effect of a set, another set is the same or needs fewer effects."""
     return any(
-        set(other.labels) < case
-        or (set(other.labels) == case and not _is_significantly_better(scored_subsets, subset, other))
-        for case in cases
+        set(other.labels) < case or (set(other.labels) == case and other.freedoms >= subset.freedoms)
+        for case in special_cases(subset.members)
         for other in near
     )
 
 
-def _special_cases(members: Sequence[Candidate]) -> set[frozenset[str]]:
+def special_cases(members: Sequence[Candidate]) -> set[frozenset[str]]:
     """The sets, by labels, with a special case in place of one of the effects."""
     names = {candidate.effect.label for candidate in members}
     cases = [(candidate.effect.label, case) for candidate in members for case in candidate.effect.special_cases]
@@ -286,7 +284,7 @@ def _credible(scored_subsets: ScoredSubsets, touches: int) -> tuple[Subset, ...]
         if subset.score - twice <= best.score + CREDIBLE or subset.unpreferred < best.unpreferred:
             near.append(subset)
     near = [e for e in near if _needed(scored_subsets, e, best)]
-    near = [e for e in near if not _is_replaced(scored_subsets, e, near)]
+    near = [e for e in near if not _is_replaced(e, near)]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
         if not any(set(other.labels) <= set(subset.labels) for other in found):
             found.append(subset)

@@ -28,7 +28,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, special_cases
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.undetected import typical_size
@@ -219,26 +219,51 @@ def start_from(
     return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
 
-def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[MixedModel]]:
+class Rivals(NamedTuple):
+    """The mixed models with each credible set of effects named by itself.
+
+    Attributes:
+        models: of the sets that replace each other.
+        weights: of these, and of more general models behind them that are less likely, (m,).
+        more_general: these.
+    """
+
+    models: tuple[MixedModel, ...] = ()
+    weights: tuple[float, ...] = ()
+    more_general: tuple[MixedModel, ...] = ()
+
+
+def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
     """The mixed model with each of the likeliest credible sets named by itself, and the search with those alone that
     are credible with the sizes that their effects need there.
+
+    A set with a more general effect in place of one of another set is a rival where its restricted likelihood is
+    larger; else it counts by the ratio of the two.
     """
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
     tried = sets.credible[:_MOST_RIVALS]
     models = [_fit_named(base, known, found.problem, one.members, most=3) for one in tried]
-    fits = [(one, fit, fit.deviance + one.penalty) for one, fit in zip(tried, models, strict=True) if fit is not None]
-    most = min((deviance for *_, deviance in fits), default=0.0) + _RULED_OUT
-    kept = [(one, fit) for one, fit, deviance in fits if deviance <= most]
-    ruled_out = [one.labels for one, _, deviance in fits if deviance > most]
+    fits = [(one, fit) for one, fit in zip(tried, models, strict=True) if fit is not None]
+    most = min((fit.deviance + one.penalty for one, fit in fits), default=0.0) + _RULED_OUT
+    kept = [(one, fit) for one, fit in fits if fit.deviance + one.penalty <= most]
+    deviance = {frozenset(one.labels): fit.deviance for one, fit in kept}
+    rivals, general, weights = list[MixedModel](), list[MixedModel](), list[float]()
+    for one, fit in kept:
+        more = fit.deviance - min((deviance.get(case, np.inf) for case in special_cases(one.members)), default=np.inf)
+        if more < 0:
+            rivals.append(fit)
+        else:
+            general.append(fit)
+            weights.append(float(np.exp(-more / 2)))
+    ruled_out = [one.labels for one, fit in fits if not any(fit is rival for rival in rivals)]
     if ruled_out:
         sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels not in ruled_out))
-        labels, rivals = _partition(sets)
-        found = found._replace(scored_subsets=sets, in_every_model=labels, rivals=rivals)
-        if not rivals:
-            best, fit = kept[0]
-            model = _fit_named(base, known, found.problem, best.members) or fit
+        labels, groups = _partition(sets)
+        found = found._replace(scored_subsets=sets, in_every_model=labels, rivals=groups)
+        if not groups:
+            model = _fit_named(base, known, found.problem, sets.credible[0].members) or rivals[0]
             found = found._replace(model=model)
-    return found, [fit for _, fit in kept]
+    return found, Rivals(tuple(rivals), (*[1.0] * len(rivals), *weights), tuple(general))
 
 
 def _union(sets: ScoredSubsets) -> list[Candidate]:
@@ -353,9 +378,9 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
     """When the stepwise effects of a fit begin or end, and the frequency or friction of others, on which it depends in
     waves and kinks.
 
-    Places of the grid are compared in the linear problem at the fit, moments near that of the fit, others about the
-    likeliest of all: with χ²_k the least sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2),
-    as all are equally likely before. All values with each place are those of the same problem.
+    Places of the grid are compared in the linear problem at the fit, about the likeliest of all: with χ²_k the least
+    sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before. All
+    values with each place are those of the same problem.
     """
     named = fitted_effects(fit)
     if not any(effect.grid_parameter for effect, _, _ in named):
@@ -374,12 +399,9 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         def gained(some: Sequence[Trial], effect: Effect = effect, beside: Floats | None = beside) -> Floats:
             return gains(problem, scan_trials(problem, effect, some, len(some)), beside)
 
-        if effect.is_stepwise:
-            nearest = [int(np.argmin([abs(t.place - values[effect.grid_parameter_index]) for t in trials]))]
-        else:
-            gain = gained(trials)
-            least = min(np.sort(gain)[-_PEAKS:][0], gain.max() + 2 * scale * np.log(_UNLIKELY))
-            nearest = np.flatnonzero(gain >= least).tolist()
+        gain = gained(trials)
+        least = min(np.sort(gain)[-_PEAKS:][0], gain.max() + 2 * scale * np.log(_UNLIKELY))
+        nearest = np.flatnonzero(gain >= least).tolist()
         width = 3.0 if effect.is_stepwise else 1.0
         trials = [trial for k in nearest for trial in effect.finer(at, trials[k], width)] or trials
         trials = list({round(trial.place, 12): trial for trial in trials}.values())  # the grids overlap
@@ -393,20 +415,18 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         every = [list(candidates) for _ in likely]
         for one, k in zip(every, likely.tolist(), strict=True):
             one[number] = one[number]._replace(trial=trials[k])
-        values = np.array([start_from(problem, one).as_array() for one in every])
-        found.append(Moment(effect, text, std, values, weight[likely] / weight[likely].sum()))
+        with_each = np.array([start_from(problem, one).as_array() for one in every])
+        found.append(Moment(effect, text, std, with_each, weight[likely] / weight[likely].sum()))
     return tuple(found)
 
 
-def _when(
-    fit: Calibration, problem: Problem, effect: Effect, places: Floats, weight: Floats
-) -> tuple[str, float]:
+def _when(fit: Calibration, problem: Problem, effect: Effect, places: Floats, weight: Floats) -> tuple[str, float]:
     """Between which touches an effect begins or ends, and the standard deviation of that moment."""
     touches, known = fit.touches, problem.touch_state.metadata.order
     order = np.sort(touches.order[fit.used])
     acts = order if known is None else np.sort(known[effect.acts_on(problem.touch_state)])
-    likely = np.argsort(-weight)
-    likely = places[likely[: int(np.searchsorted(np.cumsum(weight[likely]), 0.95)) + 1]]
+    best = np.argsort(-weight)
+    likely = places[best[: int(np.searchsorted(np.cumsum(weight[best]), 0.95)) + 1]]
     low = float(acts[acts < likely.min()].max(initial=order[0]))
     high = float(acts[acts > likely.max()].min(initial=order[-1]))
     two = [int(np.flatnonzero(touches.order == one)[0]) for one in (low, high)]
