@@ -32,6 +32,10 @@ def did_you_mean(name: object, names: Iterable[str], otherwise: str = 'the names
 class ScaraKinetostaticError(Exception):
     """Root of all errors of this package."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """As an error comes from another process: with its data, not made anew from its message."""
+        return type(self).__new__, (type(self), *self.args), vars(self)
+
 
 class InputError(ScaraKinetostaticError):
     """An input is wrong. The message is one line: where, what, and what to do.
