@@ -216,7 +216,8 @@ def _next_round(
     if late:
         good &= now.used
     some = (observations, fit.point) if good.all() else (observations.select(good), select(fit.point, good))
-    directions = unidentifiable_directions(*some, free, now.noise)
+    # what noise makes is asked at the optimum
+    directions = unidentifiable_directions(*some, free, now.noise if now.stage is FINAL else None)
     if late and directions.shape[1] < now.unidentifiable.shape[1]:
         directions = now.unidentifiable
     before = now.unidentifiable

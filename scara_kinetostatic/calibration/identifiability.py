@@ -93,14 +93,14 @@ class Identifiability:
     notes: tuple[str, ...] = ()
 
 
-def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise) -> Floats:
+def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise | None) -> Floats:
     """The unidentifiable directions of a model.
 
     Args:
         observations: the used touches.
         point: the fit there.
         free: positions of the parameters that are not fixed, (k,).
-        noise: σ_q and σ_f with which the fit was whitened.
+        noise: σ_q and σ_f with which the fit was whitened; None not to ask what noise makes.
 
     Returns:
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all are identifiable.
@@ -111,8 +111,10 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
     else:
         system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
     weak = system.values < 1.0
+    if noise is None and not weak.any():
+        return np.empty((len(free), 0))
     seen, values = system.right[:, ~weak], system.values[~weak]
-    by_noise = _noise_triangle(observations, point, noise) @ scale
+    by_noise = _noise_triangle(observations, point, noise) @ scale if noise else np.zeros((1, scale.shape[1]))
     _, shares, directions = np.linalg.svd(by_noise @ (seen / values), full_matrices=False)
     noisy = (seen / values) @ directions[shares**2 > NOISE_SHARE].T
     together = np.concatenate([system.right[:, weak], noisy / np.linalg.norm(noisy, axis=0)], axis=1)
