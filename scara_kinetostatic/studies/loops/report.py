@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.report import Block, Figure, Figures, Items, Level, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
@@ -434,10 +434,7 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
         'schema': 'scara_kinetostatic/dial_gauge/1',
         'version': __version__,
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
-        'loops': [
-            {'source': each.record.source, 'senses': {own.name: own for own in each.senses}, 'rejected': each.rejected}
-            for each in analysis.loops
-        ],
+        'hysteresis': hysteresis_document(analysis.loops) if analysis.loops else None,
         'warnings': analysis.warnings,
     }
 
@@ -483,8 +480,10 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
     note = 'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
     if analysis.parts:
         blocks.append(Section('Summary', (summary_table(analysis), note)))
-    blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
-    what = [TITLES[name] for name in analysis.parts] + [f'loops of {each.record.source}' for each in analysis.loops]
+    if analysis.loops:
+        loops = hysteresis_report(analysis.loops)
+        blocks.append(Section(loops.title, (loops.answer, *loops.blocks)))
+    what = [TITLES[name] for name in analysis.parts] + ['loops'] * bool(analysis.loops)
     return Report(
         title='Compliance and backlash by dial gauge',
         answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
@@ -612,42 +611,3 @@ def force_picture(run: dial_gauge.Run, name: str) -> Markup:
     below.set(xlabel='force  [N]', ylabel='residual  [µm]')
     figure.align_ylabels()
     return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
-
-
-def _loop_section(loops: dial_gauge.LoopAnalysis, name: str) -> Section:
-    picture = Figure(
-        partial(loop_picture, loops, f'{name}_record'),
-        'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
-        'the reversal, orange: falling.',
-    )
-    note = 'definitional: by the choice of the straight part, common to all reversals; those are in dial_gauge.json'
-    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in loops.rejected)
-    unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
-    return Section(f'Loops: {loops.record.source}', (picture, _loop_table(loops), note, *unused))
-
-
-def _loop_table(loops: dial_gauge.LoopAnalysis) -> Table:
-    """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
-    rows = []
-    for sense in loops.senses:
-        for what, unit, factor, test in ('gap', 'µm', 1e6, sense.gap), ('compliance', 'nm/N', 1e9, sense.compliance):
-            definitional = float(f'{factor * test.definitional_uncertainty:.2g}')
-            rows.append((sense.name, what, with_std(test.estimate, factor), f'{definitional:g}', unit, _test(test)))
-        for where, force in ('inside the gap', sense.gap_force), ('at the plateau', sense.slip_force):
-            rows.append((sense.name, f'force {where}', f'{force:.0f}', '', 'N', ''))
-    heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
-    return Table(heading, ('',) * len(heading), tuple(rows))
-
-
-def loop_picture(loops: dial_gauge.LoopAnalysis, name: str) -> Markup:
-    """The loops, and on each reversal that is used the two crossings of the level."""
-    figure, (axes,) = new_figure(HALF, 400)
-    record = loops.record
-    axes.plot(1e3 * record.response, 1e-3 * record.load, color=FAINT, lw=0.7)
-    for sense in loops.senses:
-        colour = SERIES[0] if sense.sense > 0 else SERIES[1]
-        for each in sense.reversals:
-            start, end = (1e3 * (each.displacement + sense.sense * at) for at in each.crossings)
-            axes.plot([start, end], [1e-3 * sense.gap_force] * 2, color=colour, lw=2.0, alpha=0.7)
-    axes.set(xlabel='displacement  [mm]', ylabel='force  [kN]')
-    return as_svg(figure, name, 'force over displacement, with the gap of each reversal')
