@@ -53,7 +53,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -72,8 +72,8 @@ class LeastSquares(NamedTuple):
 
     Attributes:
         beta: coefficients β, (k,).
-        unscaled: (XᵀX)⁻¹, (k, k).
-        basis: orthonormal basis of the columns of X, (n, k).
+        basis: orthonormal basis Q of the columns of X, (n, k).
+        inverse: R⁻¹ of X = Q R, (k, k).
         residual: (n,).
         sigma: standard deviation of y; at least `floor`.
         floor: smallest standard deviation that the arithmetic or the resolution allows.
@@ -81,8 +81,8 @@ class LeastSquares(NamedTuple):
     """
 
     beta: Floats
-    unscaled: Floats
     basis: Floats
+    inverse: Floats
     residual: Floats
     sigma: float
     floor: float
@@ -90,7 +90,7 @@ class LeastSquares(NamedTuple):
 
     def of(self, row: Floats, unit: str) -> Estimate:
         """A linear function of the coefficients, `row` (k,), with its standard deviation."""
-        return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)), unit)
+        return Estimate(float(row @ self.beta), self.sigma * float(np.linalg.norm(row @ self.inverse)), unit)
 
 
 def least_squares(design: Floats, values: Floats, where: str = 'readings') -> LeastSquares:
@@ -108,7 +108,7 @@ def least_squares(design: Floats, values: Floats, where: str = 'readings') -> Le
     residual = values - basis @ along
     floor = 1e-9 * float(np.abs(values).max())  # below it residuals are rounding errors of the arithmetic
     sigma = max(float(np.sqrt(residual @ residual / max(dof, 1))), floor)
-    return LeastSquares(inverse @ along, inverse @ inverse.T, basis, residual, sigma, floor, dof)
+    return LeastSquares(inverse @ along, basis, inverse, residual, sigma, floor, dof)
 
 
 def find_resolution(displacement: Floats) -> float:
@@ -128,7 +128,7 @@ class CombinedEstimate(NamedTuple):
         chi_square: of the estimates about their mean.
         degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
-        between_std: standard deviation between the estimates beyond their own (Paule and Mandel).
+        between_std: standard deviation between the estimates beyond their own (DerSimonian and Laird, 1986).
         unit: of value and standard deviations.
     """
 
@@ -144,21 +144,6 @@ class CombinedEstimate(NamedTuple):
     def estimate(self) -> Estimate:
         """The mean with its standard deviation."""
         return Estimate(self.value, self.std, self.unit)
-
-
-def _between_variance(values: Floats, std: Floats) -> float:
-    """The variance to be added to those of estimates for χ² to equal its expectation.
-
-    Source: Paule and Mandel, J. Res. Nat. Bur. Standards 87 (1982) 377.
-    """
-
-    def surplus(variance: float) -> float:
-        weight = 1 / (std**2 + variance)
-        return float(weight @ (values - np.average(values, weights=weight)) ** 2) - (len(values) - 1)
-
-    if surplus(0.0) <= 0:
-        return 0.0
-    return float(optimize.brentq(surplus, 0.0, float(values.var(ddof=1)), xtol=1e-40, rtol=1e-12))
 
 
 def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEstimate:
@@ -177,7 +162,8 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEst
     unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
     ratio = chi_square / (count - 1) / (1 + 2 * (count - 2) / (count**2 - 1) * unevenness)
     p_value = float(stats.f.sf(ratio, count - 1, (count**2 - 1) / (3 * unevenness)))
-    between = _between_variance(values, std)
+    surplus = max(chi_square - (count - 1), 0.0)
+    between = surplus / float(weight.sum() - (weight @ weight) / weight.sum())
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
@@ -292,27 +278,17 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     # linear functions of the coefficients, which are the intercepts, the negative and the positive slope
     unit = np.eye(count + 2)
     slopes = solution.of(unit[-2], 'm/N'), solution.of(unit[-1], 'm/N')
-    weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
+    weight = np.array([slopes[0].std, slopes[1].std]) ** -2  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
-    values = gaps @ solution.beta
-    std = solution.sigma * np.sqrt((gaps[:, :count] ** 2) @ (1 / np.bincount(passes)))  # the slopes' part is common
-    off = (values - np.average(values, weights=1 / std**2)) / std
-    gap_check = _repeatability('gap_repeatability', 'm', off, std, len(gaps) - 1, solution.dof)
-    slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
-    found = [_student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof)]
-    found += _shape_checks(solution, force, passes)
-    if len(gaps) > 1:  # of the mean of both lines, with the number of the cycle
-        order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
-        drift = order @ np.abs(gaps) / 2 / (order @ order)
-        found.append(_student('zero_drift', solution.of(drift, 'm'), solution.dof))
+    checks = {each.name: each for each in _checks(solution, force, displacement, passes, sense, gaps)}
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
-    checks = (*found, *filter(None, (gap_check, slope_check)))
-    compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count))
-    gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps)))
+    compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N')
+    compliance = compliance.plus(0.0, _between(checks.get('slope_repeatability'), count))
+    gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(checks.get('gap_repeatability'), len(gaps)))
     lines = np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1)
     own = compliance, gap, slopes, sigma, resolution, solution.dof
-    return RunFit(*own, used, lines, values, residual, checks, row_p)
+    return RunFit(*own, used, lines, gaps @ solution.beta, residual, tuple(checks.values()), row_p)
 
 
 def _between(repeatability: Check | None, count: int) -> float:
@@ -322,54 +298,73 @@ def _between(repeatability: Check | None, count: int) -> float:
     return repeatability.value / float(np.sqrt(count))
 
 
-def _student(name: str, estimate: Estimate, dof: int) -> Check:
-    return Check(name, *estimate, 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof)))
+def _checks(
+    solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats, gaps: Floats
+) -> Iterator[Check]:
+    """The checks that a run allows.
 
+    A check has directions d_k, (n,) each: it estimates d_kᵀ ΔS, which are zero in the model but for the noise. Those
+    within the columns of X are linear functions of the coefficients, the others are at right angles to X.
 
-def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Iterator[Check]:
-    """Hysteresis and curvature, each the coefficient of one additional column; not where the run lacks it."""
-    branch, size, dof = np.zeros(len(force)), np.abs(force), solution.dof - 1
-    for number in np.unique(passes):
+    Args:
+        solution: the fit.
+        force: of the rows used, (n,), N.
+        displacement: likewise, m.
+        passes: likewise, number of the pass.
+        sense: of each pass, (k,).
+        gaps: coefficients of the gap of each cycle, (c, k + 2).
+    """
+    size, within = np.abs(force), solution.basis @ solution.inverse.T  # maps coefficients to directions
+    cycles = np.arange(len(gaps)) - (len(gaps) - 1) / 2
+    branch, slopes = np.zeros(len(force)), []
+    for number, sign in enumerate(sense):
         rows = np.flatnonzero(passes == number)
         top = np.flatnonzero(size[rows] >= size[rows].max() * (1 - 1e-6))
         branch[rows[: top[0]]], branch[rows[top[-1] + 1 :]] = -0.5, 0.5
-    both = np.any(branch < 0) and np.any(branch > 0)
-    columns = {
-        'hysteresis': (np.sign(force) * branch * both, 1.0),
-        'curvature': (np.sign(force) * force**2, float(np.ptp(size)) ** 2 / 4),
+        own = np.where(passes == number, force - force[rows].mean(), 0.0)
+        if own @ own > 1e-12 * (force[rows] @ force[rows]):  # a pass with a single load has no slope
+            slopes.append(own / (own @ own) - within[:, -1 if sign > 0 else -2])
+    is_in_both = np.any(branch < 0) and np.any(branch > 0)
+    directions: dict[str, tuple[str, list[Floats]]] = {
+        'slope_difference': ('m/N', [within[:, -1] - within[:, -2]]),
+        'hysteresis': ('m', _beyond(solution, np.sign(force) * branch * is_in_both, 1.0)),
+        'curvature': ('m', _beyond(solution, np.sign(force) * force**2, float(np.ptp(size)) ** 2 / 4)),
+        # of the mean of both lines, with the number of the cycle
+        'zero_drift': ('m', [within @ (cycles @ np.abs(gaps)) / 2 / (cycles @ cycles)] if len(gaps) > 1 else []),
+        'gap_repeatability': ('m', list((gaps - gaps.mean(axis=0)) @ within.T)),
+        'slope_repeatability': ('m/N', slopes),
     }
-    for name, (column, factor) in columns.items():
-        new = column - solution.basis @ (solution.basis.T @ column)
-        square = float(new @ new)
-        if dof >= 1 and square > 1e-8 * float(column @ column):
-            value = float(new @ solution.residual) / square
-            rest = solution.residual - value * new
-            sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
-            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square)), 'm'), dof)
+    for name, (unit, several) in directions.items():
+        check = _check(name, unit, np.array(several).T, solution, displacement) if several else None
+        if check:
+            yield check
 
 
-def _slope_repeatability(
-    solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats
-) -> Check | None:
-    """Whether the slope is the same in every pass of a sense; a pass with a single load has none."""
-    off, std = [], []
-    for number, sign in enumerate(sense):
-        x, y = force[passes == number], displacement[passes == number]
-        squares = float(((x - x.mean()) ** 2).sum())
-        if squares > 1e-12 * float(x @ x):
-            slope = float((x - x.mean()) @ y) / squares
-            std.append(solution.sigma / np.sqrt(squares))
-            off.append((slope - solution.beta[-1 if sign > 0 else -2]) / std[-1])
-    return _repeatability('slope_repeatability', 'm/N', np.array(off), np.array(std), len(off) - 2, solution.dof)
+def _beyond(solution: LeastSquares, column: Floats, factor: float) -> list[Floats]:
+    """The direction of `factor` times the coefficient of an additional column, (n,); none within those of X."""
+    new = column - solution.basis @ (solution.basis.T @ column)
+    return [factor * new / (new @ new)] if new @ new > 1e-8 * (column @ column) else []
 
 
-def _repeatability(name: str, unit: str, off: Floats, std: Floats, dof: int, of_sigma: int) -> Check | None:
-    """F-test of what several estimates are off, in units of their std; the value is what they scatter beyond it."""
-    if dof < 1:
+def _check(name: str, unit: str, directions: Floats, solution: LeastSquares, values: Floats) -> Check | None:
+    """F-test of directions, (n, m); of one direction with its estimate, of several what they scatter beyond the noise.
+
+    None where they or the residual have no degrees of freedom.
+    """
+    left, sizes, _ = np.linalg.svd(directions, full_matrices=False)
+    along = left[:, sizes > 1e-6 * np.linalg.norm(directions, axis=0).max()]
+    rank = along.shape[1]
+    rest = solution.residual - along @ (along.T @ solution.residual)
+    is_within = np.linalg.norm(solution.basis.T @ along) > 0.5
+    dof = solution.dof - (0 if is_within else rank)
+    if not rank or dof < 1:
         return None
-    ratio = float(off @ off) / dof
-    between = float(np.sqrt(max(ratio - 1, 0.0) * (std**2).mean()))
-    return Check(name, between, np.nan, unit, float(stats.f.sf(ratio, dof, of_sigma)))
+    sigma = solution.sigma if is_within else max(float(np.sqrt(rest @ rest / dof)), solution.floor)
+    ratio = float(np.sum((along.T @ values) ** 2)) / rank / sigma**2
+    p_value, size = float(stats.f.sf(ratio, rank, dof)), sigma * float(np.linalg.norm(directions)) / np.sqrt(rank)
+    if directions.shape[1] == 1:
+        return Check(name, float(directions[:, 0] @ values), size, unit, p_value)
+    return Check(name, size * float(np.sqrt(max(ratio - 1, 0.0))), np.nan, unit, p_value)
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:
@@ -577,21 +572,21 @@ def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, pow
     """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ; None if one is not above 0."""
     q, weight = value**power, 1 / (power * value ** (power - 1) * std)
     design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
-    coefficients, covariance, _, residual, *_, left = least_squares(design * weight[:, None], q * weight)
-    chi_square = float(residual @ residual)
+    fit = least_squares(design * weight[:, None], q * weight)._replace(sigma=1.0)  # the std are known
+    chi_square, left = float(fit.residual @ fit.residual), fit.dof
     p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
-    centre, a, b = coefficients.tolist()
+    centre, a, b = fit.beta.tolist()
     radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))
     if power == 2 and centre <= radius:
         return None
-    along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
-
+    cosine, sine = np.cos(turned), np.sin(turned)
     ends = []
     for sign in (1.0, -1.0):
-        row, end = np.array([1.0, *(sign * along)]), (centre + sign * radius) ** (1 / power)
-        ends.append(Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit))
-    axis_std = float(np.sqrt(across @ covariance[1:, 1:] @ across)) / (2 * radius) if radius > 0 else np.inf
-    axis = Estimate(float(np.mod(turned / 2, np.pi)), axis_std, 'rad')
+        square = fit.of(np.array([1.0, sign * cosine, sign * sine]), unit)
+        end = square.value ** (1 / power)
+        ends.append(Estimate(end, square.std / (power * end ** (power - 1)), unit))
+    across = fit.of(np.array([0.0, -sine, cosine]), 'rad').std
+    axis = Estimate(float(np.mod(turned / 2, np.pi)), across / (2 * radius) if radius > 0 else np.inf, 'rad')
     return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
 
 
