@@ -18,7 +18,6 @@ from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SER
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops import dial_gauge
-from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
 from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
@@ -44,7 +43,7 @@ def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Jud
     others = []
     for each in predicted:
         errors = {'before': each.before_rms, 'after': each.after_rms, 'unit': record.unit('m')}
-        begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.after.state}
+        begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.state}
         others.append({'file': each.path.record.source, **errors, **begins})
     facts = [_load_facts(selections[0], k) for k in range(len(study.records))]
     return {**head, **_content(selections[0]), 'records': facts, 'predicted': others}
@@ -108,7 +107,7 @@ def _load_facts(selection: Selection, number: int) -> Document:
         'remaining': record.remaining if rests else None,
         'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
         'response_error': {'before': judged.before_rms, 'after': judged.after_rms if selection.selected else None},
-        'state': selection.final.along[number].state,
+        'state': judged.state,
     }
 
 
@@ -146,7 +145,10 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
             for k, (each, found) in enumerate(zip(selections, verdicts, strict=True))
         )
     if predicted:
-        blocks += (_predicted_section(selections[0], predicted),)
+        begins = 'the unloading' if study.records[0].is_at_rest_first else 'the end of the first third'
+        note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
+        found = _record_table(selections[0], predicted), *_figures(selections[0], predicted, 'other')
+        blocks += (Section('Further records, predicted', (note, *found)),)
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     records = [record for each in selections for record in each.study.records]
@@ -254,8 +256,10 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
         'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is '
         'not that at rest before it.'
     )
+    judged, p_values = selection.judged, {each.variable: each.p_value_by_record for each in selection.dependence_before}
+    records = _record_table(selection, judged, p_values.get('memory', ()))
     return (
-        Section('Records', (_record_table(selection), *_figures(selection, name))),
+        Section('Records', (records, *_figures(selection, judged, name))),
         Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
         Section('What the residual depends on', (_dependence_table(selection), dependence)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
@@ -272,37 +276,32 @@ def _scale(size: float, unit: str) -> Scale:
     return scale_of(10 * size, unit)
 
 
-def _state(prediction: Prediction) -> str:
-    """The state of friction at the start; none of a law without memory."""
-    return f'{prediction.state:+.2f}' if np.isfinite(prediction.state) else NOT_DETERMINED
-
-
 def _error_scale(selection: Selection) -> Scale:
     """The unit of all errors, from that of law (6)."""
     unit = selection.study.records[0].unit('N' if selection.study.driven_by == MOTION else 'm')
     return _scale(selection.before.held_out_rms, unit)
 
 
-def _record_table(selection: Selection) -> Table:
-    """Each record: its load and response, the errors when it is predicted."""
-    study, records, selected = selection.study, selection.study.records, selection.selected
-    error = _error_scale(selection)
+def _record_table(selection: Selection, judged: Sequence[Judged], memory: Sequence[float] = ()) -> Table:
+    """Each record: its load and response, the p-value of no memory, the errors when it is predicted."""
+    selected, error = selection.selected, _error_scale(selection)
+    records = [each.path.record for each in judged]
     moved = _scale(max(float(np.ptp(record.response)) for record in records), records[0].unit('m'))
     columns = [
         ('file', '', [record.name for record in records]),
         ('range of load', records[0].load_unit, [_number(float(np.ptp(each.load))) for each in records]),
         ('of response', moved.unit, [_number(moved.per_si * float(np.ptp(each.response))) for each in records]),
     ]
-    if not study.in_loops:
+    if not any(each.path.in_loops for each in judged):
         stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in records]
-        memory = next(each for each in selection.dependence_before if each.variable == 'memory')
-        p_values = [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory.p_value_by_record]
-        columns += [('stays', moved.unit, stays), ('p of no memory', '', p_values)]
-    columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in selection.judged]))
+        columns.append(('stays', moved.unit, stays))
+    if memory:
+        columns.append(('p of no memory', '', [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory]))
+    columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
-        columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in selection.judged]))
+        columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
         if selected.law.has_state:
-            columns.append(('state at the start', '', [_state(each) for each in selected.along]))
+            columns.append(('state at the start', '', [f'{each.state:+.2f}' for each in judged]))
     headings, units, cells = zip(*columns, strict=True)
     return Table(headings, units, tuple(zip(*cells, strict=True)))
 
@@ -354,23 +353,9 @@ def _parameter_table(selection: Selection) -> Table:
     return Table(('parameter', *laws), ('',) * (1 + len(laws)), tuple(rows))
 
 
-def _predicted_section(selection: Selection, predicted: Sequence[Judged]) -> Section:
-    scale = _error_scale(selection)
-    rows = []
-    for each in predicted:
-        errors = [_number(scale.per_si * size) for size in (each.before_rms, each.after_rms)]
-        rows.append((each.path.record.name, *errors, _state(each.after)))
-    headings = ('predicted', 'before', 'after', 'state at the start')
-    table = Table(headings, ('', scale.unit, scale.unit, ''), tuple(rows))
-    begins = 'the unloading' if selection.study.records[0].is_at_rest_first else 'the end of the first third'
-    note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
-    pictures = [_pictures(selection, each, f'other{k}') for k, each in enumerate(predicted)]
-    return Section('Further records, predicted', (note, table, *pictures))
-
-
-def _figures(selection: Selection, name: str) -> list[Block]:
+def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
     """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
-    order = sorted(enumerate(selection.judged), key=lambda numbered: -numbered[1].before_rms)
+    order = sorted(enumerate(judged), key=lambda numbered: -numbered[1].before_rms)
     sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
     more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
     note = Note(

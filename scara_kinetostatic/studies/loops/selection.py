@@ -492,12 +492,14 @@ class Judged(NamedTuple):
         rows: samples for the errors, (n,).
         before: by law (6).
         after: by the selected law.
+        state: of friction at the start, by the selected law fitted to all records; NaN of a law without memory.
     """
 
     path: RecordPath
     rows: Mask
     before: Prediction
     after: Prediction
+    state: float
 
     @property
     def before_rms(self) -> float:
@@ -545,8 +547,8 @@ class Selection(NamedTuple):
     @property
     def judged(self) -> tuple[Judged, ...]:
         """The records, each held out."""
-        laws = self.before.held_out, self.final.held_out
-        return tuple(map(Judged, self.study.paths, self.study.judged, *laws))
+        laws, states = (self.before.held_out, self.final.held_out), [each.state for each in self.final.along]
+        return tuple(map(Judged, self.study.paths, self.study.judged, *laws, states))
 
     @property
     def p_value(self) -> float:
@@ -656,5 +658,5 @@ def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Jud
     for record in others:
         path = RecordPath(record, direction=direction)
         before, after = (predict(each.whole, path, path.known) for each in (selection.before, selection.final))
-        found.append(Judged(path, ~path.known, before, after))
+        found.append(Judged(path, ~path.known, before, after, after.state))
     return tuple(found)
