@@ -419,46 +419,24 @@ class Ellipse(NamedTuple):
     p_value: float
 
 
-class DirectionMap(NamedTuple):
-    """One quantity over the direction.
-
-    Attributes:
-        direction: rad, (n,).
-        value: (n,).
-        std: (n,).
-        power: 1 for a compliance, 2 for a gap: that of the value which has an ellipse.
-        mean: unweighted mean over the directions, as in the paper.
-        isotropy: test of equal values in all directions.
-        ellipse: None for fewer than three axes, or where a gap is not significantly above 0.
-    """
-
-    direction: Floats
-    value: Floats
-    std: Floats
-    power: int
-    mean: Estimate
-    isotropy: CombinedEstimate
-    ellipse: Ellipse | None
-
-
 class Part(NamedTuple):
     """Result of one part, from all its runs.
 
     Attributes:
         name: one of `PARTS`.
         runs: in the order of the readings.
-        compliance: m/N or rad/Nm; over the directions their mean.
-        gap: m or rad; over the directions their mean.
-        maps: compliance and gap over the direction, for a gripper with two directions or more; else empty.
-        combined: compliance and gap of two runs or more without maps, by name; else empty.
+        compliance: m/N or rad/Nm; mean over the directions as in the paper, else weighted.
+        gap: m or rad; likewise.
+        combined: compliance and gap of two runs or more, by name; over the directions its test is that of isotropy.
+        ellipses: of a gripper with two directions or more, by name; None where there is none. Of other parts empty.
     """
 
     name: str
     runs: tuple[Run, ...]
     compliance: Estimate
     gap: Estimate
-    maps: dict[str, DirectionMap]
     combined: dict[str, CombinedEstimate]
+    ellipses: dict[str, Ellipse | None]
 
 
 class DialGaugeAnalysis(NamedTuple):
@@ -507,13 +485,13 @@ def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> 
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
     for part in parts.values():
-        warnings += _inconsistencies(f'{part.name}: the runs', part.combined, level)
+        inconsistent = {} if part.ellipses else {k: each.p_value for k, each in part.combined.items()}
+        warnings += [
+            f'{part.name}: the runs are inconsistent in {what} (p = {p_value:.2g})'
+            for what, p_value in inconsistent.items()
+            if p_value < level
+        ]
     return parts, warnings
-
-
-def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
-    doubtful = {what: each.p_value for what, each in combined.items() if each.p_value < level}
-    return [f'{where} are inconsistent in {what} (p = {p_value:.2g})' for what, p_value in doubtful.items()]
 
 
 def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
@@ -542,34 +520,36 @@ def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     """A part from its runs: over the directions the mean, otherwise the weighted mean."""
     if len(runs) == 1:
         return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
-    compliances, gaps = [run.compliance for run in runs], [run.gap for run in runs]
+    several = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
     dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
+    combined = {what: combine_estimates(each, dof) for what, each in several.items()}
     direction = np.array([run.readings.direction for run in runs])
-    if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
-        one, other = direction_map(direction, compliances, dof, 1), direction_map(direction, gaps, dof, 2)
-        return Part(name, runs, one.mean, other.mean, {'compliance': one, 'gap': other}, {})
-    combined = {'compliance': combine_estimates(compliances, dof), 'gap': combine_estimates(gaps, dof)}
-    return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
+    if name != GRIPPER or np.any(np.isnan(direction)) or len(np.unique(direction)) < 2:
+        return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, combined, {})
+    ellipses = {what: fit_ellipse(direction, each, dof, POWERS[what]) for what, each in several.items()}
+    return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, ellipses)
 
 
-def direction_map(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> DirectionMap:
-    """One quantity over the direction.
+POWERS = {'compliance': 1, 'gap': 2}
+"""Of the quantity that has an ellipse over the direction."""
+
+
+def fit_ellipse(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> Ellipse | None:
+    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ.
 
     Args:
-        direction: rad, (n,), n of 2 or more.
+        direction: φ, rad, (n,), n of 2 or more.
         estimates: n.
         dof: degrees of freedom of each std, (n,).
-        power: 1 for a compliance, 2 for a gap.
+        power: that of an estimate which is q, 1 or 2.
+
+    Returns:
+        None for fewer than three axes, or where a gap or its smallest principal value is not significantly above 0.
     """
     value, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
     axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
-    has_ellipse = axes > 2 and (power == 1 or np.all(value > 4 * std))
-    ellipse = _fit_ellipse(direction, value, std, dof, power, estimates[0].unit) if has_ellipse else None
-    return DirectionMap(direction, value, std, power, mean(estimates), combine_estimates(estimates, dof), ellipse)
-
-
-def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int, unit: str) -> Ellipse | None:
-    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ; None if one is not above 0."""
+    if axes < 3 or (power == 2 and np.any(value <= 4 * std)):
+        return None
     q, weight = value**power, 1 / (power * value ** (power - 1) * std)
     design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
     fit = least_squares(design * weight[:, None], q * weight)._replace(sigma=1.0)  # the std are known
@@ -580,7 +560,7 @@ def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, pow
     if power == 2 and centre <= radius:
         return None
     cosine, sine = np.cos(turned), np.sin(turned)
-    ends = []
+    ends, unit = [], estimates[0].unit
     for sign in (1.0, -1.0):
         square = fit.of(np.array([1.0, sign * cosine, sign * sine]), unit)
         end = square.value ** (1 / power)

@@ -426,9 +426,10 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
 
 def _part(part: dial_gauge.Part) -> Document:
     maps = {}
-    for what, each in part.maps.items():
-        maps[what] = {'mean': each.mean, 'smallest': each.value.min(), 'largest': each.value.max()}
-        maps[what] |= {'isotropy': each.isotropy, 'ellipse': each.ellipse}
+    for what, ellipse in part.ellipses.items():
+        values = [getattr(run, what).value for run in part.runs]
+        maps[what] = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
+        maps[what] |= {'isotropy': part.combined[what], 'ellipse': ellipse}
     runs = {'runs': [_run(run) for run in part.runs]}
     return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
 
@@ -510,21 +511,18 @@ def _run_table(part: dial_gauge.Part) -> Table:
     return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), tuple(rows))
 
 
-def _test(test: dial_gauge.CombinedEstimate) -> str:
-    chi_square = f'χ² = {test.chi_square:.1f} with {test.degrees_of_freedom} degrees of freedom'
-    return f'{chi_square}, {p_equals(test.p_value)}'
-
-
 def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
-    for what, each in part.maps.items():
-        unit, ellipse, test = f'µ{each.mean.unit}', each.ellipse, _test(each.isotropy)
-        if each.isotropy.p_value >= LEVEL:
+    for what, ellipse in part.ellipses.items():
+        isotropy, values = part.combined[what], [getattr(run, what).value for run in part.runs]
+        test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
+        test += f', {p_equals(isotropy.p_value)}'
+        if isotropy.p_value >= LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
             continue
-        span = f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
-        text = f'The {what} depends on the direction ({test}): {span}'
+        unit = f'µ{isotropy.unit}'
+        text = f'The {what} depends on the direction ({test}): {1e6 * min(values):.4g} … {1e6 * max(values):.4g} {unit}'
         if ellipse is not None:
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
             limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
@@ -535,7 +533,7 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
 
 def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     """Maps over the direction, and the runs with the largest and the smallest gap."""
-    maps = [Figure(partial(map_picture, each, what, f'{part.name}_{what}')) for what, each in part.maps.items()]
+    maps = [Figure(partial(map_picture, part, what, f'{part.name}_{what}')) for what in part.ellipses]
     dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
     gaps, forces = [run.gap.value for run in part.runs], []
     for k in dict.fromkeys((int(np.argmax(gaps)), int(np.argmin(gaps)))):
@@ -545,25 +543,26 @@ def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
 
 
-def map_picture(each: dial_gauge.DirectionMap, what: str, name: str) -> Markup:
-    """A quantity over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
+def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
+    """Compliance or gap over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
     figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
-    if each.ellipse is not None:
-        major, minor, axis = (estimate.value for estimate in each.ellipse[:3])
-        turned = turn - axis
-        q = major**each.power * np.cos(turned) ** 2 + minor**each.power * np.sin(turned) ** 2
-        axes.plot(turn, MICRO * q ** (1 / each.power), color=SERIES[0], lw=1.2)
-    axes.plot(turn, np.full_like(turn, MICRO * each.mean.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
-    bars = 2 * MICRO * each.std
-    axes.errorbar(each.direction, MICRO * each.value, bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
-    axes.set_ylim(0, 1.15 * MICRO * float(np.max(each.value + 2 * each.std)))
+    middle, ellipse, power = getattr(part, what), part.ellipses[what], dial_gauge.POWERS[what]
+    if ellipse is not None:
+        turned = turn - ellipse.axis.value
+        q = ellipse.major.value**power * np.cos(turned) ** 2 + ellipse.minor.value**power * np.sin(turned) ** 2
+        axes.plot(turn, MICRO * q ** (1 / power), color=SERIES[0], lw=1.2)
+    axes.plot(turn, np.full_like(turn, MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
+    values, bars = (MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
+    direction = [run.readings.direction for run in part.runs]
+    axes.errorbar(direction, values, 2 * bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
+    axes.set_ylim(0, 1.15 * float(np.max(values + 2 * bars)))
     axes.set_thetagrids(range(0, 360, 30))
     axes.set_rlabel_position(75)
     axes.yaxis.set_major_locator(MaxNLocator(4, prune='lower'))
     axes.spines['polar'].set_color(LINE)
-    axes.set_title(f'{what}  [µ{each.mean.unit}]', pad=14)
+    axes.set_title(f'{what}  [µ{middle.unit}]', pad=14)
     return as_svg(figure, name, f'{what} over the direction')
 
 
