@@ -471,7 +471,7 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
     records = [table.record for table in tables if table.record]
     loops = analyse(records, what_drives(records)) if records else ()
     warnings = [note for table in tables for note in table.notes] + of_runs
-    sources = [each.source for each in (*readings, *records)]
+    sources = [run.source for run in readings] + [record.source for record in records]
     return DialGaugeAnalysis(parts, loops, tuple(warnings), tuple(dict.fromkeys(sources)))
 
 

@@ -480,23 +480,15 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
     )
 
 
-def with_std(estimate: dial_gauge.Estimate, factor: float = 1e6) -> str:
-    """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
-    return shown(estimate.value, estimate.std, '', {'': Scale('', factor)}).text
-
-
-def _cells(each: dial_gauge.Part | dial_gauge.Run) -> tuple[str, str, str]:
-    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.over(2))
+def _cells(each: dial_gauge.Part | dial_gauge.Run) -> list[str]:
+    """Compliance, gap and half gap, each with its standard deviation and unit."""
+    return [shown(*estimate).text for estimate in (each.compliance, each.gap, each.gap.over(2))]
 
 
 def summary_table(analysis: dial_gauge.DialGaugeAnalysis) -> Table:
     """One row per part: compliance, gap, half gap."""
-    rows = []
-    for part in analysis.parts.values():
-        compliance, *gaps = _cells(part)
-        units = f'µ{part.compliance.unit}', f'µ{part.gap.unit}'
-        rows.append((TITLES[part.name], str(len(part.runs)), compliance, units[0], *gaps, units[1]))
-    return Table(('part', 'runs', 'compliance', '', 'gap', 'half gap g', ''), ('',) * 7, tuple(rows))
+    rows = [(TITLES[part.name], str(len(part.runs)), *_cells(part)) for part in analysis.parts.values()]
+    return Table(('part', 'runs', 'compliance', 'gap', 'half gap g'), ('',) * 5, tuple(rows))
 
 
 def _run_table(part: dial_gauge.Part) -> Table:
@@ -507,8 +499,7 @@ def _run_table(part: dial_gauge.Part) -> Table:
         fit = f'{1e6 * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
         rows.append((direction, *_cells(run), *fit, ', '.join(failed).replace('_', ' ') or 'ok'))
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
-    gap_unit = f'µ{part.gap.unit}'
-    return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), tuple(rows))
+    return Table(heading, ('°', '', '', '', 'µm', '', ''), tuple(rows))
 
 
 def _map_sentences(part: dial_gauge.Part) -> list[str]:
@@ -525,8 +516,9 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
         text = f'The {what} depends on the direction ({test}): {1e6 * min(values):.4g} … {1e6 * max(values):.4g} {unit}'
         if ellipse is not None:
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
-            limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
-            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
+            limits = f'{shown(*ellipse.minor).text} to {shown(*ellipse.major).text}'
+            axis = shown(*ellipse.axis, {'rad': Scale('°', 180 / np.pi)}).text
+            text += f'; ellipse from {limits}, largest at {axis}{fits}'
         found.append(f'{text}.')
     return found
 
