@@ -34,8 +34,8 @@ def evaluate(number: int) -> dict[str, object]:
             ]
         )
         warned += bool(warnings)
-        isotropy.append([each.isotropy.p_value for each in gripper.maps.values()])
-        found_ellipse = gripper.maps['gap'].ellipse
+        isotropy.append([each.p_value for each in gripper.combined.values()])
+        found_ellipse = gripper.ellipses['gap']
         ellipse.append(np.nan if found_ellipse is None else found_ellipse.p_value)
     errors, p = np.array(z), np.array(isotropy)
     rms = np.sqrt((errors**2).mean(axis=0))

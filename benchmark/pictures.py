@@ -89,7 +89,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'tip', design_pictures.tip_picture(design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
     gripper = analyse_runs(simulate_experiments())[0]['gripper']
-    yield 'gripper_backlash', map_picture(gripper.maps['gap'], 'backlash (gap)', 'gap')
+    yield 'gripper_backlash', map_picture(gripper, 'gap', 'gap')
     yield 'gripper_force', force_picture(gripper.runs[0], 'force')
     yield 'closed_loop', loop_picture(closed_loop())
 

@@ -12,7 +12,8 @@ The first line of a table names its columns with their units:
   part                            gripper, joint1 or joint2
   lever_m                         of the force about the joint
   gauge_at                        where the dial gauge measures: tip or link
-  time_s                          without cycle and direction: a continuous record of loops
+  time_s                          without cycle and direction: a continuous record of loops,
+                                  which is examined as by the verb hysteresis
 
 Example:
   scara-kinetostatic dial-gauge gripper.csv --out result
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
 
     Raises:
         InputError: a table or an option is wrong, or DIR cannot be written.
-        UnsupportedDataError: there is no reversal, or there are too few rows.
+        UnsupportedDataError: there is no reversal, or there are too few rows or loops.
     """
     from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.command import Run, refused
-from studies.gauge_table import GAP, dump_readings, dump_record, record, some
+from studies.gauge_table import dump_readings, loops
 
 from scara_kinetostatic.studies.paper.study import simulate_experiments
 
@@ -22,19 +22,9 @@ ONE = 'force_N;displacement_um\n' + ''.join(
 
 def test_json_and_page_in_a_folder(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'table.csv').write_text(TABLE)
-    loops = record()
-    (tmp_path / 'loops.csv').write_text(dump_record(some(loops, slice(None, None, 3))))
-    result = run('dial-gauge', 'table.csv', 'loops.csv', '--out', 'result')
+    result = run('dial-gauge', 'table.csv', '--out', 'result')
     assert (result.status, result.err) == (0, '')
-    for word in (
-        'Gripper',
-        'Joint 1',
-        'Joint 2',
-        'half gap g',
-        'µrad/Nm',
-        'The gap depends on the direction',
-        'loops.csv',
-    ):
+    for word in ('Gripper', 'Joint 1', 'Joint 2', 'half gap g', 'µrad/Nm', 'The gap depends on the direction'):
         assert word in result.out
     assert {path.name for path in (tmp_path / 'result').iterdir()} == {'dial_gauge.json', 'dial_gauge.html'}
     document = json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
@@ -43,12 +33,26 @@ def test_json_and_page_in_a_folder(run: Run, tmp_path: Path) -> None:
     assert joint['compliance']['value'] == pytest.approx(3.23e-5, abs=5 * joint['compliance']['std'])
     assert joint['half_gap']['value'] == joint['gap']['value'] / 2
     assert joint['gap']['unit'] == 'rad'
-    gap = document['loops'][0]['senses']['rising']['gap']
-    assert gap['value'] == pytest.approx(GAP, rel=0.01)
+    assert document['hysteresis'] is None
     page = (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
-    assert page.count('<svg') == 2 + 2 + 2 + 1
+    assert page.count('<svg') == 2 + 2 + 2
     assert '#01020' not in page  # no stand-in colour left
     assert 'http' not in page.replace('http://www.w3.org', '')
+
+
+def test_loops_are_those_of_hysteresis(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'one.csv').write_text(ONE)
+    (tmp_path / 'loops.csv').write_text(loops())
+    result = run('dial-gauge', 'one.csv', 'loops.csv', '--out', 'result')
+    assert (result.status, result.err) == (0, '')
+    for words in ('Compliance and backlash: Gripper, loops', 'Law (6) is not sufficient: Coulomb friction in series'):
+        assert words in ' '.join(result.out.split()), words
+    document = json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
+    assert list(document['parts']) == ['gripper']
+    assert document['hysteresis'] == json.loads(run('hysteresis', 'loops.csv', '--json').out)
+    assert document['hysteresis']['records'][0]['parameters']['slip']['half_gap']['value'] == pytest.approx(2e-3, 0.01)
+    page = (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
+    assert page.count('<svg') == 1 + 2
 
 
 def test_json_on_stdout_is_that_of_the_file(run: Run, tmp_path: Path) -> None:

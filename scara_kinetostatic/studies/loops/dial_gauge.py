@@ -1,4 +1,4 @@
-"""Compliance and backlash from tables of gauge readings, loads point by point or continuous loops.
+"""Compliance and backlash from tables of gauge readings, loads point by point; continuous loops go to `selection`.
 
 **Fit of a run.** A pass is one sense of load in one cycle: loads applied, then removed. The model of a run is
 
@@ -44,50 +44,21 @@ reported.
 
 A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
 
-**Loops**, reversal by reversal. After a reversal the force decreases along an elastic branch, hardly changes inside the
-backlash, increases along the other elastic branch, and reaches a plateau where the joint slips. With distance d since
-the reversal and force f, both positive along the new motion:
-
-- the level is the force inside the backlash, where f changes least on the way up; friction and the sensor's zero make
-  it differ from 0. Both lines are extended to it. There is one level per loop and sense.
-- each branch is the straight line d = a + p f through the samples within a window of force, given by two shares of the
-  way from the level to the plateau; p of the branch after the gap is the compliance.
-- the gap is the distance between both lines at the level.
-
-Standard deviations come from the residuals of the lines, pooled over the reversals of one sense: they contain the noise
-of the readings and the deviations of the branches from straight lines. Where the reversals of a sense are inconsistent
-(χ²), the variance between them is added to that of the mean. The definitional uncertainty (VIM 2.27) is half the range
-of the means over other windows of the lines; it is common to all reversals and not contained in their scatter.
+**Loops** are examined as by `hysteresis`: see `selection`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, GaugeTable, Readings, Record, reversals
-
-
-class Estimate(NamedTuple):
-    """A value with its standard deviation, in an SI unit."""
-
-    value: float
-    std: float
-    unit: str = ''
-
-    def over(self, divisor: float, unit: str = '') -> Estimate:
-        """Divided by a number above 0, which may change the unit; a gap over 2 is the g of (6) and (7)."""
-        return Estimate(self.value / divisor, self.std / divisor, unit or self.unit)
-
-    def plus(self, value: float, std: float) -> Estimate:
-        """With an independent quantity of the same unit added."""
-        return self._replace(value=self.value + value, std=float(np.hypot(self.std, std)))
+from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, GaugeTable, Readings, what_drives
+from scara_kinetostatic.studies.loops.selection import Estimate, Selection, analyse
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
@@ -101,8 +72,8 @@ class LeastSquares(NamedTuple):
 
     Attributes:
         beta: coefficients β, (k,).
-        unscaled: (XᵀX)⁻¹, (k, k).
-        basis: orthonormal basis of the columns of X, (n, k).
+        basis: orthonormal basis Q of the columns of X, (n, k).
+        inverse: R⁻¹ of X = Q R, (k, k).
         residual: (n,).
         sigma: standard deviation of y; at least `floor`.
         floor: smallest standard deviation that the arithmetic or the resolution allows.
@@ -110,8 +81,8 @@ class LeastSquares(NamedTuple):
     """
 
     beta: Floats
-    unscaled: Floats
     basis: Floats
+    inverse: Floats
     residual: Floats
     sigma: float
     floor: float
@@ -119,7 +90,7 @@ class LeastSquares(NamedTuple):
 
     def of(self, row: Floats, unit: str) -> Estimate:
         """A linear function of the coefficients, `row` (k,), with its standard deviation."""
-        return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)), unit)
+        return Estimate(float(row @ self.beta), self.sigma * float(np.linalg.norm(row @ self.inverse)), unit)
 
 
 def least_squares(design: Floats, values: Floats, where: str = 'readings') -> LeastSquares:
@@ -137,7 +108,7 @@ def least_squares(design: Floats, values: Floats, where: str = 'readings') -> Le
     residual = values - basis @ along
     floor = 1e-9 * float(np.abs(values).max())  # below it residuals are rounding errors of the arithmetic
     sigma = max(float(np.sqrt(residual @ residual / max(dof, 1))), floor)
-    return LeastSquares(inverse @ along, inverse @ inverse.T, basis, residual, sigma, floor, dof)
+    return LeastSquares(inverse @ along, basis, inverse, residual, sigma, floor, dof)
 
 
 def find_resolution(displacement: Floats) -> float:
@@ -157,9 +128,8 @@ class CombinedEstimate(NamedTuple):
         chi_square: of the estimates about their mean.
         degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
-        between_std: standard deviation between the estimates beyond their own (Paule and Mandel).
+        between_std: standard deviation between the estimates beyond their own (DerSimonian and Laird, 1986).
         unit: of value and standard deviations.
-        definitional_uncertainty: what the choice of a definition adds, common to all estimates; NaN where none is.
     """
 
     value: float
@@ -169,7 +139,6 @@ class CombinedEstimate(NamedTuple):
     p_value: float
     between_std: float
     unit: str
-    definitional_uncertainty: float = float('nan')
 
     @property
     def estimate(self) -> Estimate:
@@ -177,236 +146,29 @@ class CombinedEstimate(NamedTuple):
         return Estimate(self.value, self.std, self.unit)
 
 
-def _between_variance(values: Floats, std: Floats) -> float:
-    """The variance to be added to those of estimates for χ² to equal its expectation.
+def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEstimate:
+    """Weighted mean and test of consistency of several estimates, that of Welch (1951).
 
-    Source: Paule and Mandel, J. Res. Nat. Bur. Standards 87 (1982) 377.
-    """
-
-    def surplus(variance: float) -> float:
-        weight = 1 / (std**2 + variance)
-        return float(weight @ (values - np.average(values, weights=weight)) ** 2) - (len(values) - 1)
-
-    if surplus(0.0) <= 0:
-        return 0.0
-    return float(optimize.brentq(surplus, 0.0, float(values.var(ddof=1)), xtol=1e-40, rtol=1e-12))
-
-
-def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> CombinedEstimate:
-    """Weighted mean and test of consistency of several estimates.
-
-    The test is an F-test where the standard deviations have a common scale, else that of Welch (1951). Estimates are
-    inconsistent below a p-value of 1 %; then the variance between them is added to their own.
+    Estimates are inconsistent below a p-value of 1 %; then the variance between them is added to their own.
 
     Args:
         estimates: n of 2 or more.
-        dof: degrees of freedom of each standard deviation, (n,), if each was estimated separately; a single number
-            if all come from one common estimate.
+        dof: degrees of freedom of each standard deviation, (n,).
     """
     values, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
     count, weight = len(values), 1 / std**2
     centre = float(np.average(values, weights=weight))
     chi_square = float(weight @ (values - centre) ** 2)
-    ratio, denominator = chi_square / (count - 1), dof
-    if np.ndim(dof):
-        unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
-        ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * unevenness
-        denominator = (count**2 - 1) / (3 * unevenness)
-    p_value = float(stats.f.sf(ratio, count - 1, denominator))
-    between = _between_variance(values, std)
+    unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
+    ratio = chi_square / (count - 1) / (1 + 2 * (count - 2) / (count**2 - 1) * unevenness)
+    p_value = float(stats.f.sf(ratio, count - 1, (count**2 - 1) / (3 * unevenness)))
+    surplus = max(chi_square - (count - 1), 0.0)
+    between = surplus / float(weight.sum() - (weight @ weight) / weight.sum())
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
     mean_std, unit = float(1 / np.sqrt(weight.sum())), estimates[0].unit
     return CombinedEstimate(centre, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)), unit)
-
-
-class Reversal(NamedTuple):
-    """One reversal.
-
-    Attributes:
-        time: s.
-        displacement: where, m.
-        force: at the reversal, positive along the motion before it, N.
-        gap: m.
-        compliance: slope of the branch after the gap, m/N.
-        unloading_compliance: slope of the branch before it, m/N.
-        samples: on the branches before and after the gap.
-        crossings: distance since the reversal at which the lines before and after the gap meet the level, m.
-    """
-
-    time: float
-    displacement: float
-    force: float
-    gap: Estimate
-    compliance: Estimate
-    unloading_compliance: Estimate
-    samples: tuple[int, int]
-    crossings: tuple[float, float]
-
-
-class Rejected(NamedTuple):
-    """A reversal that cannot be used: its time, s, and the reason."""
-
-    time: float
-    reason: str
-
-
-class Sense(NamedTuple):
-    """All reversals of one sense of a loop.
-
-    Attributes:
-        sense: +1 where the displacement rises after the reversal.
-        gap_force: force inside the backlash, in the sign of the record, N.
-        slip_force: force at which the joint slips, in the sign of the record, N.
-        residual_std: standard deviation of the residuals of the branches before and after the gap, m.
-        gap: mean over the reversals, with a test of their consistency, m.
-        compliance: likewise, m/N.
-        reversals: in order.
-    """
-
-    sense: int
-    gap_force: float
-    slip_force: float
-    residual_std: tuple[float, float]
-    gap: CombinedEstimate
-    compliance: CombinedEstimate
-    reversals: tuple[Reversal, ...]
-
-    @property
-    def name(self) -> str:
-        """Of the motion after the reversals."""
-        return 'rising' if self.sense > 0 else 'falling'
-
-
-class LoopAnalysis(NamedTuple):
-    """Result of a continuous record: senses with two reversals or more, and reversals not used."""
-
-    record: Record
-    senses: tuple[Sense, ...]
-    rejected: tuple[Rejected, ...]
-
-
-class _Sweep(NamedTuple):
-    """The samples from one reversal to the next: distance since the reversal, m, and force, positive along the motion,
-    N, (n,) each; time, s, and displacement, m, at the reversal; sense of the motion, +1 or -1.
-    """
-
-    distance: Floats
-    force: Floats
-    time: float
-    displacement: float
-    sense: int
-
-
-def analyse_loops(record: Record) -> LoopAnalysis:
-    """Gap and slope at the reversals of a continuous record.
-
-    Raises:
-        UnsupportedDataError: no sense has two reversals that can be used.
-    """
-    sweeps, rejected = list(_sweeps(record)), list[Rejected]()
-    # shares of the way from the level to the plateau between which a branch is fitted by a straight line
-    senses = _analyse(sweeps, (0.15, 0.55), rejected)
-    if not senses:
-        why = f': {rejected[0].reason}' if rejected else ''
-        problem = f'{record.source}: no two reversals of a sense have a gap between two elastic branches{why}'
-        raise UnsupportedDataError(problem, 'record more full loops, at a higher sampling rate')
-    windows = ((0.1, 0.5), (0.2, 0.6), (0.1, 0.6), (0.2, 0.5))  # for the definitional uncertainty
-    others = [each for window in windows for each in _analyse(sweeps, window, [])]
-    for k, sense in enumerate(senses):
-        same = [sense, *(each for each in others if each.sense == sense.sense)]
-        for name in ('gap', 'compliance') if len(same) > 1 else ():
-            spread = float(np.ptp([getattr(each, name).value for each in same])) / 2
-            widened = getattr(sense, name)._replace(definitional_uncertainty=spread)
-            senses[k] = senses[k]._replace(**{name: widened})
-    return LoopAnalysis(record, tuple(senses), tuple(sorted(rejected)))
-
-
-def _sweeps(record: Record) -> Iterator[_Sweep]:
-    """The record cut at the reversals, without what comes before the first."""
-    for first, last in pairwise([*reversals(record.response).tolist(), len(record) - 1]):
-        displacement = record.response[first : last + 1]
-        sense = 1 if displacement[-1] > displacement[0] else -1
-        distance, along = sense * (displacement - displacement[0]), sense * record.load[first : last + 1]
-        yield _Sweep(distance, along, float(record.time[first]), float(displacement[0]), sense)
-
-
-def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float], rejected: list[Rejected]) -> list[Sense]:
-    """Result for each sense, with lines fitted within a window; the reversals that are not used are added."""
-    by_sense = {sense: [sweep for sweep in sweeps if sweep.sense == sense] for sense in (1, -1)}
-    plateaus = {sense: _plateau(own) for sense, own in by_sense.items()}
-    senses: list[Sense] = []
-    for sense, own in by_sense.items() if np.isfinite(sum(plateaus.values())) else ():
-        levels = np.array([_level(sweep, plateaus[sense]) for sweep in own])
-        level = float(np.nanmedian(levels)) if np.any(np.isfinite(levels)) else np.nan
-        pairs = [_fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window) for sweep in own]
-        both = [*zip(own, pairs, strict=True)]
-        rejected += [Rejected(sweep.time, pair) for sweep, pair in both if isinstance(pair, str)]
-        used = [(sweep, pair) for sweep, pair in both if not isinstance(pair, str)]
-        lines = [*zip(*(pair for _, pair in used), strict=True)]
-        dof = [sum(line.dof for line in several) for several in lines]
-        if len(used) < 2 or not all(dof):
-            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep, _ in used]
-            continue
-        rss = [sum(float(line.residual @ line.residual) for line in several) for several in lines]
-        sigma = float(np.sqrt(rss[0] / dof[0])), float(np.sqrt(rss[1] / dof[1]))
-        found = tuple(_as_reversal(*each, sigma) for each in used)
-        gap, compliance = (
-            combine_estimates([getattr(each, name) for each in found], dof[1]) for name in ('gap', 'compliance')
-        )
-        senses.append(Sense(sense, sense * level, sense * plateaus[sense], sigma, gap, compliance, found))
-    return senses
-
-
-def _plateau(sweeps: Sequence[_Sweep]) -> float:
-    """Force of slip, N: the median over the sweeps of the median over the second half of each."""
-    medians = [float(np.median(s.force[s.distance > s.distance[-1] / 2])) for s in sweeps if s.distance[-1] > 0]
-    return float(np.median(medians)) if medians else np.nan
-
-
-def _level(sweep: _Sweep, plateau: float) -> float:
-    """Force inside the backlash, N: where it changes least over a sixth of the way up to 75 % of the plateau."""
-    risen = np.flatnonzero(sweep.force >= 0.75 * plateau)
-    if not len(risen) or risen[0] < 2:
-        return np.nan
-    grid = np.linspace(0.0, sweep.distance[risen[0]], 601)
-    force = np.interp(grid, np.maximum.accumulate(sweep.distance[: risen[0] + 1]), sweep.force[: risen[0] + 1])
-    width = len(grid) // 6
-    start = int(np.argmin(force[width:] - force[:-width]))
-    return float(force[start : start + width + 1].mean())
-
-
-def _fit_pair(
-    sweep: _Sweep, level: float, bottom: float, top: float, window: tuple[float, float]
-) -> tuple[LeastSquares, LeastSquares] | str:
-    """The lines before and after the gap, or the reason why they cannot be fitted."""
-    if not bottom < level < top:
-        return 'no gap between two branches'
-    if sweep.force[0] > 0.6 * bottom:
-        return 'no full loop: the force before it did not reach the plateau'
-    first = np.flatnonzero(sweep.force > level + window[1] * (top - level))
-    force = sweep.force[: first[0]] if len(first) else sweep.force
-    pair = []
-    for end, name in ((bottom, 'before'), (top, 'after')):
-        share = (force - level) / (end - level)
-        rows = np.flatnonzero((share >= window[0]) & (share <= window[1]))
-        if len(rows) < 2:
-            return f'{len(rows)} samples on the elastic branch {name} the gap'
-        if np.ptp(share[rows]) < 0.6 * (window[1] - window[0]) * (1 - 1 / len(rows)):
-            return f'the branch {name} the gap is not complete'
-        pair.append(least_squares(np.stack([np.ones(len(rows)), force[rows] - level], axis=1), sweep.distance[rows]))
-    return pair[0], pair[1]
-
-
-def _as_reversal(sweep: _Sweep, pair: tuple[LeastSquares, LeastSquares], sigma: Sequence[float]) -> Reversal:
-    """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
-    before, after = (line._replace(sigma=std) for line, std in zip(pair, sigma, strict=True))
-    begins, slope = np.eye(2)
-    (start, unloading), (end, compliance) = ((line.of(begins, 'm'), line.of(slope, 'm/N')) for line in (before, after))
-    at, gap = (sweep.time, sweep.displacement, -float(sweep.force[0])), end.plus(-start.value, start.std)
-    samples, crossings = (len(before.residual), len(after.residual)), (start.value, end.value)
-    return Reversal(*at, gap, compliance, unloading, samples, crossings)
 
 
 ZERO_BAND = 0.02
@@ -516,27 +278,17 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     # linear functions of the coefficients, which are the intercepts, the negative and the positive slope
     unit = np.eye(count + 2)
     slopes = solution.of(unit[-2], 'm/N'), solution.of(unit[-1], 'm/N')
-    weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
+    weight = np.array([slopes[0].std, slopes[1].std]) ** -2  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
-    values = gaps @ solution.beta
-    std = solution.sigma * np.sqrt((gaps[:, :count] ** 2) @ (1 / np.bincount(passes)))  # the slopes' part is common
-    off = (values - np.average(values, weights=1 / std**2)) / std
-    gap_check = _repeatability('gap_repeatability', 'm', off, std, len(gaps) - 1, solution.dof)
-    slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
-    found = [_student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof)]
-    found += _shape_checks(solution, force, passes)
-    if len(gaps) > 1:  # of the mean of both lines, with the number of the cycle
-        order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
-        drift = order @ np.abs(gaps) / 2 / (order @ order)
-        found.append(_student('zero_drift', solution.of(drift, 'm'), solution.dof))
+    checks = {each.name: each for each in _checks(solution, force, displacement, passes, sense, gaps)}
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
-    checks = (*found, *filter(None, (gap_check, slope_check)))
-    compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count))
-    gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps)))
+    compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N')
+    compliance = compliance.plus(0.0, _between(checks.get('slope_repeatability'), count))
+    gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(checks.get('gap_repeatability'), len(gaps)))
     lines = np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1)
     own = compliance, gap, slopes, sigma, resolution, solution.dof
-    return RunFit(*own, used, lines, values, residual, checks, row_p)
+    return RunFit(*own, used, lines, gaps @ solution.beta, residual, tuple(checks.values()), row_p)
 
 
 def _between(repeatability: Check | None, count: int) -> float:
@@ -546,54 +298,73 @@ def _between(repeatability: Check | None, count: int) -> float:
     return repeatability.value / float(np.sqrt(count))
 
 
-def _student(name: str, estimate: Estimate, dof: int) -> Check:
-    return Check(name, *estimate, 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof)))
+def _checks(
+    solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats, gaps: Floats
+) -> Iterator[Check]:
+    """The checks that a run allows.
 
+    A check has directions d_k, (n,) each: it estimates d_kᵀ ΔS, which are zero in the model but for the noise. Those
+    within the columns of X are linear functions of the coefficients, the others are at right angles to X.
 
-def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Iterator[Check]:
-    """Hysteresis and curvature, each the coefficient of one additional column; not where the run lacks it."""
-    branch, size, dof = np.zeros(len(force)), np.abs(force), solution.dof - 1
-    for number in np.unique(passes):
+    Args:
+        solution: the fit.
+        force: of the rows used, (n,), N.
+        displacement: likewise, m.
+        passes: likewise, number of the pass.
+        sense: of each pass, (k,).
+        gaps: coefficients of the gap of each cycle, (c, k + 2).
+    """
+    size, within = np.abs(force), solution.basis @ solution.inverse.T  # maps coefficients to directions
+    cycles = np.arange(len(gaps)) - (len(gaps) - 1) / 2
+    branch, slopes = np.zeros(len(force)), []
+    for number, sign in enumerate(sense):
         rows = np.flatnonzero(passes == number)
         top = np.flatnonzero(size[rows] >= size[rows].max() * (1 - 1e-6))
         branch[rows[: top[0]]], branch[rows[top[-1] + 1 :]] = -0.5, 0.5
-    both = np.any(branch < 0) and np.any(branch > 0)
-    columns = {
-        'hysteresis': (np.sign(force) * branch * both, 1.0),
-        'curvature': (np.sign(force) * force**2, float(np.ptp(size)) ** 2 / 4),
+        own = np.where(passes == number, force - force[rows].mean(), 0.0)
+        if own @ own > 1e-12 * (force[rows] @ force[rows]):  # a pass with a single load has no slope
+            slopes.append(own / (own @ own) - within[:, -1 if sign > 0 else -2])
+    is_in_both = np.any(branch < 0) and np.any(branch > 0)
+    directions: dict[str, tuple[str, list[Floats]]] = {
+        'slope_difference': ('m/N', [within[:, -1] - within[:, -2]]),
+        'hysteresis': ('m', _beyond(solution, np.sign(force) * branch * is_in_both, 1.0)),
+        'curvature': ('m', _beyond(solution, np.sign(force) * force**2, float(np.ptp(size)) ** 2 / 4)),
+        # of the mean of both lines, with the number of the cycle
+        'zero_drift': ('m', [within @ (cycles @ np.abs(gaps)) / 2 / (cycles @ cycles)] if len(gaps) > 1 else []),
+        'gap_repeatability': ('m', list((gaps - gaps.mean(axis=0)) @ within.T)),
+        'slope_repeatability': ('m/N', slopes),
     }
-    for name, (column, factor) in columns.items():
-        new = column - solution.basis @ (solution.basis.T @ column)
-        square = float(new @ new)
-        if dof >= 1 and square > 1e-8 * float(column @ column):
-            value = float(new @ solution.residual) / square
-            rest = solution.residual - value * new
-            sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
-            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square)), 'm'), dof)
+    for name, (unit, several) in directions.items():
+        check = _check(name, unit, np.array(several).T, solution, displacement) if several else None
+        if check:
+            yield check
 
 
-def _slope_repeatability(
-    solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats
-) -> Check | None:
-    """Whether the slope is the same in every pass of a sense; a pass with a single load has none."""
-    off, std = [], []
-    for number, sign in enumerate(sense):
-        x, y = force[passes == number], displacement[passes == number]
-        squares = float(((x - x.mean()) ** 2).sum())
-        if squares > 1e-12 * float(x @ x):
-            slope = float((x - x.mean()) @ y) / squares
-            std.append(solution.sigma / np.sqrt(squares))
-            off.append((slope - solution.beta[-1 if sign > 0 else -2]) / std[-1])
-    return _repeatability('slope_repeatability', 'm/N', np.array(off), np.array(std), len(off) - 2, solution.dof)
+def _beyond(solution: LeastSquares, column: Floats, factor: float) -> list[Floats]:
+    """The direction of `factor` times the coefficient of an additional column, (n,); none within those of X."""
+    new = column - solution.basis @ (solution.basis.T @ column)
+    return [factor * new / (new @ new)] if new @ new > 1e-8 * (column @ column) else []
 
 
-def _repeatability(name: str, unit: str, off: Floats, std: Floats, dof: int, of_sigma: int) -> Check | None:
-    """F-test of what several estimates are off, in units of their std; the value is what they scatter beyond it."""
-    if dof < 1:
+def _check(name: str, unit: str, directions: Floats, solution: LeastSquares, values: Floats) -> Check | None:
+    """F-test of directions, (n, m); of one direction with its estimate, of several what they scatter beyond the noise.
+
+    None where they or the residual have no degrees of freedom.
+    """
+    left, sizes, _ = np.linalg.svd(directions, full_matrices=False)
+    along = left[:, sizes > 1e-6 * np.linalg.norm(directions, axis=0).max()]
+    rank = along.shape[1]
+    rest = solution.residual - along @ (along.T @ solution.residual)
+    is_within = np.linalg.norm(solution.basis.T @ along) > 0.5
+    dof = solution.dof - (0 if is_within else rank)
+    if not rank or dof < 1:
         return None
-    ratio = float(off @ off) / dof
-    between = float(np.sqrt(max(ratio - 1, 0.0) * (std**2).mean()))
-    return Check(name, between, np.nan, unit, float(stats.f.sf(ratio, dof, of_sigma)))
+    sigma = solution.sigma if is_within else max(float(np.sqrt(rest @ rest / dof)), solution.floor)
+    ratio = float(np.sum((along.T @ values) ** 2)) / rank / sigma**2
+    p_value, size = float(stats.f.sf(ratio, rank, dof)), sigma * float(np.linalg.norm(directions)) / np.sqrt(rank)
+    if directions.shape[1] == 1:
+        return Check(name, float(directions[:, 0] @ values), size, unit, p_value)
+    return Check(name, size * float(np.sqrt(max(ratio - 1, 0.0))), np.nan, unit, p_value)
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:
@@ -648,46 +419,24 @@ class Ellipse(NamedTuple):
     p_value: float
 
 
-class DirectionMap(NamedTuple):
-    """One quantity over the direction.
-
-    Attributes:
-        direction: rad, (n,).
-        value: (n,).
-        std: (n,).
-        power: 1 for a compliance, 2 for a gap: that of the value which has an ellipse.
-        mean: unweighted mean over the directions, as in the paper.
-        isotropy: test of equal values in all directions.
-        ellipse: None for fewer than three axes, or where a gap is not significantly above 0.
-    """
-
-    direction: Floats
-    value: Floats
-    std: Floats
-    power: int
-    mean: Estimate
-    isotropy: CombinedEstimate
-    ellipse: Ellipse | None
-
-
 class Part(NamedTuple):
     """Result of one part, from all its runs.
 
     Attributes:
         name: one of `PARTS`.
         runs: in the order of the readings.
-        compliance: m/N or rad/Nm; over the directions their mean.
-        gap: m or rad; over the directions their mean.
-        maps: compliance and gap over the direction, for a gripper with two directions or more; else empty.
-        combined: compliance and gap of two runs or more without maps, by name; else empty.
+        compliance: m/N or rad/Nm; mean over the directions as in the paper, else weighted.
+        gap: m or rad; likewise.
+        combined: compliance and gap of two runs or more, by name; over the directions its test is that of isotropy.
+        ellipses: of a gripper with two directions or more, by name; None where there is none. Of other parts empty.
     """
 
     name: str
     runs: tuple[Run, ...]
     compliance: Estimate
     gap: Estimate
-    maps: dict[str, DirectionMap]
     combined: dict[str, CombinedEstimate]
+    ellipses: dict[str, Ellipse | None]
 
 
 class DialGaugeAnalysis(NamedTuple):
@@ -695,13 +444,13 @@ class DialGaugeAnalysis(NamedTuple):
 
     Attributes:
         parts: with loads point by point, by name, in the order of `PARTS`.
-        loops: the continuous records.
+        loops: selections of the continuous records; see `selection.analyse`.
         warnings: one sentence each.
         sources: names of the files, those of `parts` first.
     """
 
     parts: dict[str, Part]
-    loops: tuple[LoopAnalysis, ...]
+    loops: tuple[Selection, ...]
     warnings: tuple[str, ...]
     sources: tuple[str, ...]
 
@@ -714,19 +463,16 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
         zero_band: share of the largest load of a run up to which a load counts as none.
 
     Raises:
+        RecordingError: see `selection.analyse`.
         UnsupportedDataError: a run has no reversal, too few rows, or a record no loops; it is named.
     """
     readings = [run for table in tables for run in table.runs]
     parts, of_runs = analyse_runs(readings, zero_band) if readings else ({}, [])
-    loops = [analyse_loops(table.record) for table in tables if table.record]
+    records = [table.record for table in tables if table.record]
+    loops = analyse(records, what_drives(records)) if records else ()
     warnings = [note for table in tables for note in table.notes] + of_runs
-    level = LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
-    for found in loops:
-        for sense in found.senses:
-            where = f'{found.record.source}: {sense.name}: the reversals'
-            warnings += _inconsistencies(where, {'compliance': sense.compliance, 'gap': sense.gap}, level)
-    sources = [run.source for run in readings] + [found.record.source for found in loops]
-    return DialGaugeAnalysis(parts, tuple(loops), tuple(warnings), tuple(dict.fromkeys(sources)))
+    sources = [run.source for run in readings] + [record.source for record in records]
+    return DialGaugeAnalysis(parts, loops, tuple(warnings), tuple(dict.fromkeys(sources)))
 
 
 def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
@@ -739,13 +485,13 @@ def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> 
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
     for part in parts.values():
-        warnings += _inconsistencies(f'{part.name}: the runs', part.combined, level)
+        inconsistent = {} if part.ellipses else {k: each.p_value for k, each in part.combined.items()}
+        warnings += [
+            f'{part.name}: the runs are inconsistent in {what} (p = {p_value:.2g})'
+            for what, p_value in inconsistent.items()
+            if p_value < level
+        ]
     return parts, warnings
-
-
-def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
-    doubtful = {what: each.p_value for what, each in combined.items() if each.p_value < level}
-    return [f'{where} are inconsistent in {what} (p = {p_value:.2g})' for what, p_value in doubtful.items()]
 
 
 def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
@@ -774,51 +520,53 @@ def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     """A part from its runs: over the directions the mean, otherwise the weighted mean."""
     if len(runs) == 1:
         return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
-    compliances, gaps = [run.compliance for run in runs], [run.gap for run in runs]
+    several = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
     dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
+    combined = {what: combine_estimates(each, dof) for what, each in several.items()}
     direction = np.array([run.readings.direction for run in runs])
-    if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
-        one, other = direction_map(direction, compliances, dof, 1), direction_map(direction, gaps, dof, 2)
-        return Part(name, runs, one.mean, other.mean, {'compliance': one, 'gap': other}, {})
-    combined = {'compliance': combine_estimates(compliances, dof), 'gap': combine_estimates(gaps, dof)}
-    return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
+    if name != GRIPPER or np.any(np.isnan(direction)) or len(np.unique(direction)) < 2:
+        return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, combined, {})
+    ellipses = {what: fit_ellipse(direction, each, dof, POWERS[what]) for what, each in several.items()}
+    return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, ellipses)
 
 
-def direction_map(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> DirectionMap:
-    """One quantity over the direction.
+POWERS = {'compliance': 1, 'gap': 2}
+"""Of the quantity that has an ellipse over the direction."""
+
+
+def fit_ellipse(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> Ellipse | None:
+    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ.
 
     Args:
-        direction: rad, (n,), n of 2 or more.
+        direction: φ, rad, (n,), n of 2 or more.
         estimates: n.
         dof: degrees of freedom of each std, (n,).
-        power: 1 for a compliance, 2 for a gap.
+        power: that of an estimate which is q, 1 or 2.
+
+    Returns:
+        None for fewer than three axes, or where a gap or its smallest principal value is not significantly above 0.
     """
     value, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
     axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
-    has_ellipse = axes > 2 and (power == 1 or np.all(value > 4 * std))
-    ellipse = _fit_ellipse(direction, value, std, dof, power, estimates[0].unit) if has_ellipse else None
-    return DirectionMap(direction, value, std, power, mean(estimates), combine_estimates(estimates, dof), ellipse)
-
-
-def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int, unit: str) -> Ellipse | None:
-    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ; None if one is not above 0."""
+    if axes < 3 or (power == 2 and np.any(value <= 4 * std)):
+        return None
     q, weight = value**power, 1 / (power * value ** (power - 1) * std)
     design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
-    coefficients, covariance, _, residual, *_, left = least_squares(design * weight[:, None], q * weight)
-    chi_square = float(residual @ residual)
+    fit = least_squares(design * weight[:, None], q * weight)._replace(sigma=1.0)  # the std are known
+    chi_square, left = float(fit.residual @ fit.residual), fit.dof
     p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
-    centre, a, b = coefficients.tolist()
+    centre, a, b = fit.beta.tolist()
     radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))
     if power == 2 and centre <= radius:
         return None
-    along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
-
-    ends = []
+    cosine, sine = np.cos(turned), np.sin(turned)
+    ends, unit = [], estimates[0].unit
     for sign in (1.0, -1.0):
-        row, end = np.array([1.0, *(sign * along)]), (centre + sign * radius) ** (1 / power)
-        ends.append(Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit))
-    axis_std = float(np.sqrt(across @ covariance[1:, 1:] @ across)) / (2 * radius) if radius > 0 else np.inf
-    axis = Estimate(float(np.mod(turned / 2, np.pi)), axis_std, 'rad')
+        square = fit.of(np.array([1.0, sign * cosine, sign * sine]), unit)
+        end = square.value ** (1 / power)
+        ends.append(Estimate(end, square.std / (power * end ** (power - 1)), unit))
+    across = fit.of(np.array([0.0, -sine, cosine]), 'rad').std
+    axis = Estimate(float(np.mod(turned / 2, np.pi)), across / (2 * radius) if radius > 0 else np.inf, 'rad')
     return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
 
 

@@ -552,8 +552,7 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
         cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
     notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
     if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
-        time, force, displacement = (np.array(cells[name]) for name in ('time', 'force', 'displacement'))
-        return GaugeTable((), Record(table.source, time, force, displacement, 'N'), notes)
+        return GaugeTable((), table_record(table), notes)
     cells['line'] = [line for line, _ in table.rows]
     runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for values_of_row in zip(*cells.values(), strict=True):
@@ -684,7 +683,11 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
         RecordingError: the file cannot be read, columns do not go together, or a row is wrong.
         UnsupportedDataError: see `Record`.
     """
-    table = load_table(Path(path), 'time_s,angle_rad,torque_Nm')
+    return table_record(load_table(Path(path), 'time_s,angle_rad,torque_Nm'), response, load)
+
+
+def table_record(table: Table, response: str | None = None, load: str | None = None) -> Record:
+    """The record in a table; see `load_record`."""
     chosen = choose_columns(table.heading, table.source, response, load)
     places = {
         kind: Place(Column(kind, (), largest=_QUANTITIES[column.unit][1]), column.number, column.factor)

@@ -13,12 +13,11 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.report import Block, Figure, Figures, Items, Level, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops import dial_gauge
-from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
 from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
@@ -44,7 +43,7 @@ def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Jud
     others = []
     for each in predicted:
         errors = {'before': each.before_rms, 'after': each.after_rms, 'unit': record.unit('m')}
-        begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.after.state}
+        begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.state}
         others.append({'file': each.path.record.source, **errors, **begins})
     facts = [_load_facts(selections[0], k) for k in range(len(study.records))]
     return {**head, **_content(selections[0]), 'records': facts, 'predicted': others}
@@ -108,7 +107,7 @@ def _load_facts(selection: Selection, number: int) -> Document:
         'remaining': record.remaining if rests else None,
         'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
         'response_error': {'before': judged.before_rms, 'after': judged.after_rms if selection.selected else None},
-        'state': selection.final.along[number].state,
+        'state': judged.state,
     }
 
 
@@ -146,7 +145,10 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
             for k, (each, found) in enumerate(zip(selections, verdicts, strict=True))
         )
     if predicted:
-        blocks += (_predicted_section(selections[0], predicted),)
+        begins = 'the unloading' if study.records[0].is_at_rest_first else 'the end of the first third'
+        note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
+        found = _record_table(selections[0], predicted), *_figures(selections[0], predicted, 'other')
+        blocks += (Section('Further records, predicted', (note, *found)),)
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     records = [record for each in selections for record in each.study.records]
@@ -254,8 +256,10 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
         'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is '
         'not that at rest before it.'
     )
+    judged, p_values = selection.judged, {each.variable: each.p_value_by_record for each in selection.dependence_before}
+    records = _record_table(selection, judged, p_values.get('memory', ()))
     return (
-        Section('Records', (_record_table(selection), *_figures(selection, name))),
+        Section('Records', (records, *_figures(selection, judged, name))),
         Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
         Section('What the residual depends on', (_dependence_table(selection), dependence)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
@@ -272,37 +276,32 @@ def _scale(size: float, unit: str) -> Scale:
     return scale_of(10 * size, unit)
 
 
-def _state(prediction: Prediction) -> str:
-    """The state of friction at the start; none of a law without memory."""
-    return f'{prediction.state:+.2f}' if np.isfinite(prediction.state) else NOT_DETERMINED
-
-
 def _error_scale(selection: Selection) -> Scale:
     """The unit of all errors, from that of law (6)."""
     unit = selection.study.records[0].unit('N' if selection.study.driven_by == MOTION else 'm')
     return _scale(selection.before.held_out_rms, unit)
 
 
-def _record_table(selection: Selection) -> Table:
-    """Each record: its load and response, the errors when it is predicted."""
-    study, records, selected = selection.study, selection.study.records, selection.selected
-    error = _error_scale(selection)
+def _record_table(selection: Selection, judged: Sequence[Judged], memory: Sequence[float] = ()) -> Table:
+    """Each record: its load and response, the p-value of no memory, the errors when it is predicted."""
+    selected, error = selection.selected, _error_scale(selection)
+    records = [each.path.record for each in judged]
     moved = _scale(max(float(np.ptp(record.response)) for record in records), records[0].unit('m'))
     columns = [
         ('file', '', [record.name for record in records]),
         ('range of load', records[0].load_unit, [_number(float(np.ptp(each.load))) for each in records]),
         ('of response', moved.unit, [_number(moved.per_si * float(np.ptp(each.response))) for each in records]),
     ]
-    if not study.in_loops:
+    if not any(each.path.in_loops for each in judged):
         stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in records]
-        memory = next(each for each in selection.dependence_before if each.variable == 'memory')
-        p_values = [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory.p_value_by_record]
-        columns += [('stays', moved.unit, stays), ('p of no memory', '', p_values)]
-    columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in selection.judged]))
+        columns.append(('stays', moved.unit, stays))
+    if memory:
+        columns.append(('p of no memory', '', [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory]))
+    columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
-        columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in selection.judged]))
+        columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
         if selected.law.has_state:
-            columns.append(('state at the start', '', [_state(each) for each in selected.along]))
+            columns.append(('state at the start', '', [f'{each.state:+.2f}' for each in judged]))
     headings, units, cells = zip(*columns, strict=True)
     return Table(headings, units, tuple(zip(*cells, strict=True)))
 
@@ -354,23 +353,9 @@ def _parameter_table(selection: Selection) -> Table:
     return Table(('parameter', *laws), ('',) * (1 + len(laws)), tuple(rows))
 
 
-def _predicted_section(selection: Selection, predicted: Sequence[Judged]) -> Section:
-    scale = _error_scale(selection)
-    rows = []
-    for each in predicted:
-        errors = [_number(scale.per_si * size) for size in (each.before_rms, each.after_rms)]
-        rows.append((each.path.record.name, *errors, _state(each.after)))
-    headings = ('predicted', 'before', 'after', 'state at the start')
-    table = Table(headings, ('', scale.unit, scale.unit, ''), tuple(rows))
-    begins = 'the unloading' if selection.study.records[0].is_at_rest_first else 'the end of the first third'
-    note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
-    pictures = [_pictures(selection, each, f'other{k}') for k, each in enumerate(predicted)]
-    return Section('Further records, predicted', (note, table, *pictures))
-
-
-def _figures(selection: Selection, name: str) -> list[Block]:
+def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
     """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
-    order = sorted(enumerate(selection.judged), key=lambda numbered: -numbered[1].before_rms)
+    order = sorted(enumerate(judged), key=lambda numbered: -numbered[1].before_rms)
     sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
     more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
     note = Note(
@@ -434,19 +419,17 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
         'schema': 'scara_kinetostatic/dial_gauge/1',
         'version': __version__,
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
-        'loops': [
-            {'source': each.record.source, 'senses': {own.name: own for own in each.senses}, 'rejected': each.rejected}
-            for each in analysis.loops
-        ],
+        'hysteresis': hysteresis_document(analysis.loops) if analysis.loops else None,
         'warnings': analysis.warnings,
     }
 
 
 def _part(part: dial_gauge.Part) -> Document:
     maps = {}
-    for what, each in part.maps.items():
-        maps[what] = {'mean': each.mean, 'smallest': each.value.min(), 'largest': each.value.max()}
-        maps[what] |= {'isotropy': each.isotropy, 'ellipse': each.ellipse}
+    for what, ellipse in part.ellipses.items():
+        values = [getattr(run, what).value for run in part.runs]
+        maps[what] = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
+        maps[what] |= {'isotropy': part.combined[what], 'ellipse': ellipse}
     runs = {'runs': [_run(run) for run in part.runs]}
     return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
 
@@ -483,8 +466,10 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
     note = 'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
     if analysis.parts:
         blocks.append(Section('Summary', (summary_table(analysis), note)))
-    blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
-    what = [TITLES[name] for name in analysis.parts] + [f'loops of {each.record.source}' for each in analysis.loops]
+    if analysis.loops:
+        loops = hysteresis_report(analysis.loops)
+        blocks.append(Section(loops.title, (loops.answer, *loops.blocks)))
+    what = [TITLES[name] for name in analysis.parts] + ['loops'] * bool(analysis.loops)
     return Report(
         title='Compliance and backlash by dial gauge',
         answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
@@ -495,23 +480,15 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
     )
 
 
-def with_std(estimate: dial_gauge.Estimate, factor: float = 1e6) -> str:
-    """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
-    return shown(estimate.value, estimate.std, '', {'': Scale('', factor)}).text
-
-
-def _cells(each: dial_gauge.Part | dial_gauge.Run) -> tuple[str, str, str]:
-    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.over(2))
+def _cells(each: dial_gauge.Part | dial_gauge.Run) -> list[str]:
+    """Compliance, gap and half gap, each with its standard deviation and unit."""
+    return [shown(*estimate).text for estimate in (each.compliance, each.gap, each.gap.over(2))]
 
 
 def summary_table(analysis: dial_gauge.DialGaugeAnalysis) -> Table:
     """One row per part: compliance, gap, half gap."""
-    rows = []
-    for part in analysis.parts.values():
-        compliance, *gaps = _cells(part)
-        units = f'µ{part.compliance.unit}', f'µ{part.gap.unit}'
-        rows.append((TITLES[part.name], str(len(part.runs)), compliance, units[0], *gaps, units[1]))
-    return Table(('part', 'runs', 'compliance', '', 'gap', 'half gap g', ''), ('',) * 7, tuple(rows))
+    rows = [(TITLES[part.name], str(len(part.runs)), *_cells(part)) for part in analysis.parts.values()]
+    return Table(('part', 'runs', 'compliance', 'gap', 'half gap g'), ('',) * 5, tuple(rows))
 
 
 def _run_table(part: dial_gauge.Part) -> Table:
@@ -522,36 +499,33 @@ def _run_table(part: dial_gauge.Part) -> Table:
         fit = f'{1e6 * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
         rows.append((direction, *_cells(run), *fit, ', '.join(failed).replace('_', ' ') or 'ok'))
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
-    gap_unit = f'µ{part.gap.unit}'
-    return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), tuple(rows))
-
-
-def _test(test: dial_gauge.CombinedEstimate) -> str:
-    chi_square = f'χ² = {test.chi_square:.1f} with {test.degrees_of_freedom} degrees of freedom'
-    return f'{chi_square}, {p_equals(test.p_value)}'
+    return Table(heading, ('°', '', '', '', 'µm', '', ''), tuple(rows))
 
 
 def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
-    for what, each in part.maps.items():
-        unit, ellipse, test = f'µ{each.mean.unit}', each.ellipse, _test(each.isotropy)
-        if each.isotropy.p_value >= LEVEL:
+    for what, ellipse in part.ellipses.items():
+        isotropy, values = part.combined[what], [getattr(run, what).value for run in part.runs]
+        test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
+        test += f', {p_equals(isotropy.p_value)}'
+        if isotropy.p_value >= LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
             continue
-        span = f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
-        text = f'The {what} depends on the direction ({test}): {span}'
+        unit = f'µ{isotropy.unit}'
+        text = f'The {what} depends on the direction ({test}): {1e6 * min(values):.4g} … {1e6 * max(values):.4g} {unit}'
         if ellipse is not None:
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
-            limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
-            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
+            limits = f'{shown(*ellipse.minor).text} to {shown(*ellipse.major).text}'
+            axis = shown(*ellipse.axis, {'rad': Scale('°', 180 / np.pi)}).text
+            text += f'; ellipse from {limits}, largest at {axis}{fits}'
         found.append(f'{text}.')
     return found
 
 
 def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     """Maps over the direction, and the runs with the largest and the smallest gap."""
-    maps = [Figure(partial(map_picture, each, what, f'{part.name}_{what}')) for what, each in part.maps.items()]
+    maps = [Figure(partial(map_picture, part, what, f'{part.name}_{what}')) for what in part.ellipses]
     dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
     gaps, forces = [run.gap.value for run in part.runs], []
     for k in dict.fromkeys((int(np.argmax(gaps)), int(np.argmin(gaps)))):
@@ -561,25 +535,26 @@ def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
 
 
-def map_picture(each: dial_gauge.DirectionMap, what: str, name: str) -> Markup:
-    """A quantity over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
+def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
+    """Compliance or gap over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
     figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
-    if each.ellipse is not None:
-        major, minor, axis = (estimate.value for estimate in each.ellipse[:3])
-        turned = turn - axis
-        q = major**each.power * np.cos(turned) ** 2 + minor**each.power * np.sin(turned) ** 2
-        axes.plot(turn, MICRO * q ** (1 / each.power), color=SERIES[0], lw=1.2)
-    axes.plot(turn, np.full_like(turn, MICRO * each.mean.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
-    bars = 2 * MICRO * each.std
-    axes.errorbar(each.direction, MICRO * each.value, bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
-    axes.set_ylim(0, 1.15 * MICRO * float(np.max(each.value + 2 * each.std)))
+    middle, ellipse, power = getattr(part, what), part.ellipses[what], dial_gauge.POWERS[what]
+    if ellipse is not None:
+        turned = turn - ellipse.axis.value
+        q = ellipse.major.value**power * np.cos(turned) ** 2 + ellipse.minor.value**power * np.sin(turned) ** 2
+        axes.plot(turn, MICRO * q ** (1 / power), color=SERIES[0], lw=1.2)
+    axes.plot(turn, np.full_like(turn, MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
+    values, bars = (MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
+    direction = [run.readings.direction for run in part.runs]
+    axes.errorbar(direction, values, 2 * bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
+    axes.set_ylim(0, 1.15 * float(np.max(values + 2 * bars)))
     axes.set_thetagrids(range(0, 360, 30))
     axes.set_rlabel_position(75)
     axes.yaxis.set_major_locator(MaxNLocator(4, prune='lower'))
     axes.spines['polar'].set_color(LINE)
-    axes.set_title(f'{what}  [µ{each.mean.unit}]', pad=14)
+    axes.set_title(f'{what}  [µ{middle.unit}]', pad=14)
     return as_svg(figure, name, f'{what} over the direction')
 
 
@@ -612,42 +587,3 @@ def force_picture(run: dial_gauge.Run, name: str) -> Markup:
     below.set(xlabel='force  [N]', ylabel='residual  [µm]')
     figure.align_ylabels()
     return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
-
-
-def _loop_section(loops: dial_gauge.LoopAnalysis, name: str) -> Section:
-    picture = Figure(
-        partial(loop_picture, loops, f'{name}_record'),
-        'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
-        'the reversal, orange: falling.',
-    )
-    note = 'definitional: by the choice of the straight part, common to all reversals; those are in dial_gauge.json'
-    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in loops.rejected)
-    unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
-    return Section(f'Loops: {loops.record.source}', (picture, _loop_table(loops), note, *unused))
-
-
-def _loop_table(loops: dial_gauge.LoopAnalysis) -> Table:
-    """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
-    rows = []
-    for sense in loops.senses:
-        for what, unit, factor, test in ('gap', 'µm', 1e6, sense.gap), ('compliance', 'nm/N', 1e9, sense.compliance):
-            definitional = float(f'{factor * test.definitional_uncertainty:.2g}')
-            rows.append((sense.name, what, with_std(test.estimate, factor), f'{definitional:g}', unit, _test(test)))
-        for where, force in ('inside the gap', sense.gap_force), ('at the plateau', sense.slip_force):
-            rows.append((sense.name, f'force {where}', f'{force:.0f}', '', 'N', ''))
-    heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
-    return Table(heading, ('',) * len(heading), tuple(rows))
-
-
-def loop_picture(loops: dial_gauge.LoopAnalysis, name: str) -> Markup:
-    """The loops, and on each reversal that is used the two crossings of the level."""
-    figure, (axes,) = new_figure(HALF, 400)
-    record = loops.record
-    axes.plot(1e3 * record.response, 1e-3 * record.load, color=FAINT, lw=0.7)
-    for sense in loops.senses:
-        colour = SERIES[0] if sense.sense > 0 else SERIES[1]
-        for each in sense.reversals:
-            start, end = (1e3 * (each.displacement + sense.sense * at) for at in each.crossings)
-            axes.plot([start, end], [1e-3 * sense.gap_force] * 2, color=colour, lw=2.0, alpha=0.7)
-    axes.set(xlabel='displacement  [mm]', ylabel='force  [kN]')
-    return as_svg(figure, name, 'force over displacement, with the gap of each reversal')

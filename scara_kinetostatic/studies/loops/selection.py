@@ -60,7 +60,6 @@ from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.studies.loops.dial_gauge import Estimate
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
 from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
@@ -232,6 +231,22 @@ BIC_GAIN = 2.0
 MATERIAL = 0.05
 """Held-out error of law (6) over the range of what is predicted, below which only a dependence counts against it."""
 NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED, UNDECIDED = 'none', 'explained', 'ambiguous', 'unexplained', 'undecided'
+
+
+class Estimate(NamedTuple):
+    """A value with its standard deviation, in an SI unit."""
+
+    value: float
+    std: float
+    unit: str = ''
+
+    def over(self, divisor: float, unit: str = '') -> Estimate:
+        """Divided by a number above 0, which may change the unit; a gap over 2 is the g of (6) and (7)."""
+        return Estimate(self.value / divisor, self.std / divisor, unit or self.unit)
+
+    def plus(self, value: float, std: float) -> Estimate:
+        """With an independent quantity of the same unit added."""
+        return self._replace(value=self.value + value, std=float(np.hypot(self.std, std)))
 
 
 class Candidate(NamedTuple):
@@ -477,12 +492,14 @@ class Judged(NamedTuple):
         rows: samples for the errors, (n,).
         before: by law (6).
         after: by the selected law.
+        state: of friction at the start, by the selected law fitted to all records; NaN of a law without memory.
     """
 
     path: RecordPath
     rows: Mask
     before: Prediction
     after: Prediction
+    state: float
 
     @property
     def before_rms(self) -> float:
@@ -530,8 +547,8 @@ class Selection(NamedTuple):
     @property
     def judged(self) -> tuple[Judged, ...]:
         """The records, each held out."""
-        laws = self.before.held_out, self.final.held_out
-        return tuple(map(Judged, self.study.paths, self.study.judged, *laws))
+        laws, states = (self.before.held_out, self.final.held_out), [each.state for each in self.final.along]
+        return tuple(map(Judged, self.study.paths, self.study.judged, *laws, states))
 
     @property
     def p_value(self) -> float:
@@ -641,5 +658,5 @@ def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Jud
     for record in others:
         path = RecordPath(record, direction=direction)
         before, after = (predict(each.whole, path, path.known) for each in (selection.before, selection.final))
-        found.append(Judged(path, ~path.known, before, after))
+        found.append(Judged(path, ~path.known, before, after, after.state))
     return tuple(found)
