@@ -7,17 +7,19 @@ softer than that of touches is said at `Engine`. It starts and stops with consta
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
-from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, Track
+from scara_kinetostatic.simulation.slides import Ellipse, Slide, SlidePhase, SlideState, SlideTiming, Track
 from scara_kinetostatic.simulation.streams import minimum_jerk
 
 COMPLIANCE = 2.5e-5
@@ -71,7 +73,7 @@ class SlideController:
     Args:
         scene: the robot, with its contact friction.
         cell: its tip has the radius of the scene's, 5 mm.
-        slide: the object and how to slide along it; its friction is not used.
+        slide: the object, no ellipse, and how to slide along it; its friction is not used.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -80,10 +82,13 @@ class SlideController:
 
     def __init__(self, scene: Scene, cell: Cell, slide: Slide) -> None:
         self.scene, self.cell, self.slide, self.timing = scene, cell, slide, SlideTiming()
-        self._track = Track.along(slide.outline, cell.tip_radius or 0.0)
+        self._track = Track(slide.outline, cell.tip_radius or 0.0)
         self._travelled = slide.begin * self._track.length
         self._depth, self._lift, self._force = -self.timing.clearance, 0.0, 0.0
-        self.engine = Engine(scene, cell, self._command(), slide.outline)
+        item: Disc | Outline | Ellipse = slide.outline
+        if isinstance(item, Ellipse):
+            item = Disc('disc', *item.center, item.semi_axes[0] + (cell.tip_radius or 0.0))
+        self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), sliding=True)
         self._ticks: list[tuple[Floats, Floats, Floats, int]] = []
 
     def run(self) -> EngineSlide:
@@ -128,13 +133,13 @@ class SlideController:
             self._tick(SlidePhase.PAUSE)
 
     def _surface(self) -> tuple[Floats, Floats]:
-        point, normal = self.slide.outline.at(self._track.place(np.array([self._travelled])))
-        return point[0], normal[0]
+        center, normal = self._track.at(np.array([self._travelled]))
+        return center[0], normal[0]
 
     def _command(self) -> Floats:
         """Motor angles of the rigid arm, (2,), rad."""
-        point, normal = self._surface()
-        aim = point + ((self.cell.tip_radius or 0.0) - self._depth) * normal
+        center, normal = self._surface()
+        aim = center - self._depth * normal
         joints = inverse(self.scene.parameters, aim[None], self.slide.posture)[0]
         if not np.isfinite(joints).all():
             raise UnsupportedDataError('the arm does not reach the object', 'place it elsewhere')

@@ -49,7 +49,7 @@ def check_numbers(where: str, holder: Any, *, zero: Sequence[str] = (), signed: 
     for item in fields(holder):
         value = getattr(holder, item.name)
         value = value.levels if isinstance(value, Noise) else value
-        if not isinstance(value, (int, float, tuple)):
+        if not isinstance(value, (int, float, tuple)) or isinstance(value, Outline):
             continue
         array = np.asarray(value, dtype=float)
         least = -np.inf if item.name in signed else 0.0

@@ -1,9 +1,9 @@
 """Slides of the tip along the outline of an object: the motion, and its recording as the sensors report it.
 
-The outline consists of straight edges, arcs of circles and of ellipses, one after the other. The object is on the left
-of the direction of travel along it, the tip slides on the right: a closed outline is counter-clockwise. With n the
-outward normal and r the radius of the tip, the centre of the tip is at S = P + r n. At a sharp corner P stays while n
-turns, so that S moves on an arc around the corner.
+The outline consists of straight edges and arcs, or is an ellipse. The object is on the left of the direction of travel
+along it, the tip slides on the right: a closed outline is counter-clockwise. The centre of the tip is on the outline
+grown by the tip's radius (`model.outline`): at a sharp corner the surface stays while the normal turns, so that the
+centre moves on an arc around the corner.
 
 The repeatability of a touch (`cell.noise`) is here an error of the same size that changes slowly along the slide
 (`SlideTiming.variation_time`); its force part grows and falls with the force, as in a touch. White noise, zero, frame,
@@ -21,13 +21,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, pairs
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.outline import Outline as KnownOutline
-from scara_kinetostatic.model.outline import edges_of
+from scara_kinetostatic.model.outline import Outline, Surfaces, outline_problem, surfaces_of
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import (
     FIRST_FORCE,
@@ -42,133 +41,53 @@ from scara_kinetostatic.simulation.streams import (
 )
 from scara_kinetostatic.touches.streams import Streams
 
-SAMPLES = 4000
-"""Places along a piece at which lengths and distances are worked out."""
+ARCS = 720
+"""Arcs of which an ellipse is made: some nm off it; along it the tip jumps by some 20 nm from one to the next."""
 
 
-class Edge(NamedTuple):
-    """A straight edge.
-
-    Attributes:
-        begin: (x, y), m.
-        end: (x, y), m.
-    """
-
-    begin: tuple[float, float]
-    end: tuple[float, float]
-
-    def at(self, part: Floats) -> tuple[Floats, Floats]:
-        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
-        begin, along = np.array(self.begin), np.subtract(self.end, self.begin)
-        normal = np.array([along[1], -along[0]]) / np.hypot(*along)
-        return begin + part[:, None] * along, np.broadcast_to(normal, (len(part), 2))
-
-
-class Arc(NamedTuple):
-    """An arc of a circle or of an ellipse.
+@dataclass(frozen=True)
+class Ellipse:
+    """The outline of an ellipse or of a disc.
 
     Attributes:
         center: (x, y), m.
-        semi_axes: of the ellipse, m; equal ones of a circle may be zero (a sharp corner) or negative (hollow).
+        semi_axes: m.
         rotation: of the first semi-axis from x, rad.
-        begin: angle of the parametric form where it begins, rad.
-        end: where it ends, rad; less than `begin` for a hollow arc.
     """
 
     center: tuple[float, float]
     semi_axes: tuple[float, float]
-    rotation: float
-    begin: float
-    end: float
-
-    def at(self, part: Floats) -> tuple[Floats, Floats]:
-        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
-        angle = self.begin + part * (self.end - self.begin)
-        c, s, (a, b) = np.cos(angle), np.sin(angle), self.semi_axes
-        normal = np.column_stack([c, s] if a == b else [b * c, a * s])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        along = np.cos(self.rotation), np.sin(self.rotation)
-        turn = np.array([along, (-along[1], along[0])])
-        return np.column_stack([a * c, b * s]) @ turn + self.center, normal @ turn
-
-
-@dataclass(frozen=True)
-class Outline:
-    """The outline of an object.
-
-    Attributes:
-        pieces: one after the other.
-        closed: whether the last one ends where the first one begins.
-    """
-
-    pieces: tuple[Edge | Arc, ...]
-    closed: bool
-
-    def at(self, place: Floats) -> tuple[Floats, Floats]:
-        """The surface, (k, 2), m, and its outward unit vectors, (k, 2), at places (k,): number and part of the piece.
-
-        Those of a closed outline repeat.
-        """
-        count = len(self.pieces)
-        place = np.mod(place, count) if self.closed else np.clip(place, 0.0, count)
-        number = np.minimum(place.astype(np.intp), count - 1)
-        point, normal = np.empty((len(place), 2)), np.empty((len(place), 2))
-        for k, piece in enumerate(self.pieces):
-            here = number == k
-            point[here], normal[here] = piece.at(place[here] - k)
-        return point, normal
-
-
-class Track(NamedTuple):
-    """The path of the tip's centre along an outline.
-
-    Attributes:
-        places: on the outline, (k,); see `Outline.at`.
-        travelled: length of the path up to each, (k,), m.
-    """
-
-    places: Floats
-    travelled: Floats
-
-    @classmethod
-    def along(cls, outline: Outline, tip_radius: float) -> Track:
-        """The path on the right of an outline.
-
-        Raises:
-            ParameterError: a hollow arc is narrower than the tip.
-        """
-        for piece in outline.pieces:
-            if isinstance(piece, Arc) and piece.end < piece.begin and -piece.semi_axes[0] < tip_radius:
-                problem = f'a hollow corner of radius {abs(piece.semi_axes[0]):g} m is narrower than the tip'
-                raise ParameterError('outline', problem, f'give it the radius {tip_radius:g} m or more')
-        places = np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES
-        point, normal = outline.at(places * (1 - 1e-15))
-        steps = np.diff(point + tip_radius * normal, axis=0)
-        return cls(places, np.append(0.0, np.cumsum(np.hypot(*steps.T))))
+    rotation: float = 0.0
 
     @property
-    def length(self) -> float:
-        """Of the whole path, m."""
-        return float(self.travelled[-1])
+    def is_closed(self) -> bool:
+        """That it is."""
+        return True
 
-    def place(self, travelled: Floats) -> Floats:
-        """The places after lengths of the path, (k,), m; a closed outline goes on behind its end."""
-        # the end belongs to its turn: that of an open one is not its begin
-        turns = np.ceil(travelled / self.length) - 1
-        within = np.interp(travelled - turns * self.length, self.travelled, self.places)
-        return np.asarray(turns * self.places[-1] + within)
+    def surfaces(self, tip_radius: float) -> Surfaces:
+        """Where the centre of the tip is in contact: arcs of its circles of curvature, whose normals turn evenly."""
+        half, (a, b), turn = np.pi / ARCS, self.semi_axes, np.exp(1j * self.rotation)
+        normal = np.exp(1j * half * (2 * np.arange(ARCS) + 1))
+        reach = np.hypot(a * normal.real, b * normal.imag)
+        place = (a**2 * normal.real + 1j * b**2 * normal.imag) / reach
+        radius = (a * b) ** 2 / reach**3
+        center = complex(*self.center) + turn * (place - radius * normal)
+        object, half_angles = np.zeros(ARCS, dtype=np.intp), np.full(ARCS, half)
+        return Surfaces(
+            object, pairs(center), radius + tip_radius, np.zeros((ARCS, 2)), pairs(turn * normal), half_angles
+        )
 
 
-def circle(center: tuple[float, float], radius: float) -> Outline:
+def circle(center: tuple[float, float], radius: float) -> Ellipse:
     """The outline of a disc."""
     return ellipse(center, (radius, radius))
 
 
-def ellipse(center: tuple[float, float], semi_axes: tuple[float, float], rotation: float = 0.0) -> Outline:
+def ellipse(center: tuple[float, float], semi_axes: tuple[float, float], rotation: float = 0.0) -> Ellipse:
     """The outline of an ellipse, its first semi-axis turned by an angle in rad."""
     if not min(semi_axes) > 0:
         raise ParameterError('outline', f'expected a radius above 0 m, got {min(semi_axes):g}')
-    return Outline((Arc(center, semi_axes, rotation, 0.0, 2 * np.pi),), closed=True)
+    return Ellipse(center, semi_axes, rotation)
 
 
 def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True) -> Outline:
@@ -182,26 +101,46 @@ def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True)
     Raises:
         ParameterError: too few corners, two at one place, or an edge too short for the roundings of its corners.
     """
-    points = np.asarray(corners, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < (3 if closed else 2):
-        raise ParameterError('outline', f'expected {3 if closed else 2} or more corners [x, y], got {len(points)}')
-    places = tuple((float(x), float(y)) for x, y in points)
-    point, along, lengths, turns, cut = edges_of(KnownOutline('', places, corner_radius, not closed))
-    if not lengths.all():
-        raise ParameterError('outline', 'two corners after each other are at the same place')
-    if turns[1:].sum() < 0 and closed:
-        raise ParameterError('outline', 'the corners are clockwise', 'list them counter-clockwise')
-    if np.any(cut[:-1] + cut[1:] > lengths):
-        raise ParameterError('outline', f'an edge is too short for corners of radius {corner_radius:g} m')
-    pieces: list[Edge | Arc] = []
-    for k, direction in enumerate(along):
-        begin, foot = point[k] + cut[k] * direction, point[k] + (lengths[k] - cut[k + 1]) * direction
-        pieces.append(Edge((begin.real, begin.imag), (foot.real, foot.imag)))
-        if turn := float(turns[k + 1]):
-            radius, angle = np.sign(turn) * corner_radius, np.angle(-1j * direction)
-            center = foot + 1j * radius * direction
-            pieces.append(Arc((center.real, center.imag), (radius, radius), 0.0, angle, angle + turn))
-    return Outline(tuple(pieces), closed)
+    outline = Outline('', tuple((float(x), float(y)) for x, y in np.asarray(corners)), corner_radius, not closed)
+    if problem := outline_problem(outline, 0.0):
+        raise ParameterError('outline', *problem)
+    return outline
+
+
+class Track:
+    """The path of the tip's centre along an outline.
+
+    Args:
+        outline: of the surface; anything with `surfaces` and `is_closed`, as `Ellipse` has them.
+        tip_radius: m.
+
+    Attributes:
+        length: of the whole path, m.
+
+    Raises:
+        ParameterError: an inner corner is narrower than the tip.
+    """
+
+    def __init__(self, outline: Outline | Ellipse, tip_radius: float) -> None:
+        self._is_closed = outline.is_closed
+        s = surfaces_of([outline], tip_radius) if isinstance(outline, Outline) else outline.surfaces(tip_radius)
+        if len(s.inner_corners[0]):
+            raise ParameterError(
+                'outline', 'an inner corner is narrower than the tip', f'round it by {tip_radius:g} m or more'
+            )
+        self._ends = np.cumsum(2 * s.halves * np.where(s.is_edge, 1.0, np.abs(s.radii)))
+        self._surfaces, self.length = s, float(self._ends[-1])
+
+    def at(self, travelled: Floats) -> tuple[Floats, Floats]:
+        """Centre of the tip, m, and outward normal of the surface, (k, 2) each, after lengths of the path, (k,), m.
+
+        A closed outline goes on behind its end.
+        """
+        along = np.mod(travelled, self.length) if self._is_closed else np.clip(travelled, 0.0, self.length)
+        row = np.minimum(np.searchsorted(self._ends, along, side='right'), len(self._ends) - 1)
+        begin = np.append(0.0, self._ends)[row]
+        part = 2.0 * (along - begin) / np.maximum(self._ends[row] - begin, 1e-12) - 1.0
+        return self._surfaces.select(row).at(part)
 
 
 @dataclass(frozen=True)
@@ -221,7 +160,7 @@ class Slide:
         ParameterError: a value that makes no sense.
     """
 
-    outline: Outline
+    outline: Outline | Ellipse
     force: float = 15.0
     friction: float = 0.0
     speed: float = 0.02
@@ -237,7 +176,7 @@ class Slide:
             raise ParameterError('slide: posture', f'expected +1 or -1, got {self.posture}')
         if self.begin == self.end:
             raise ParameterError('slide: end', 'is where the slide begins', 'let it end elsewhere')
-        if not self.outline.closed and not all(0 <= place <= 1 for place in (self.begin, self.end)):
+        if not self.outline.is_closed and not all(0 <= place <= 1 for place in (self.begin, self.end)):
             raise ParameterError('slide: end', 'an open outline is slid along from 0 to 1')
 
 
@@ -321,7 +260,7 @@ class SlidingMotion:
             raise UnsupportedDataError('there is no slide', 'plan at least one')
         self.cell, self.model, self.slides = cell, as_model(truth), slides
         self.timing, self.tip_radius = timing or SlideTiming(), cell.tip_radius or 0.0
-        self._tracks = [Track.along(slide.outline, self.tip_radius) for slide in slides]
+        self._tracks = [Track(slide.outline, self.tip_radius) for slide in slides]
         random = np.random.default_rng([seed, 2])
         self._variation = [SlowNoise(random, 1, self.timing.variation_time) for _ in slides]
         self._knots = self._schedule()
@@ -380,14 +319,14 @@ class SlidingMotion:
         begin, end = knots[[SlidePhase.SLIDE, SlidePhase.STOP]]
         distance = _distance(np.clip(time - begin, 0.0, None), end - begin, slide.speed, t.start)
         travelled = slide.begin * track.length + sense * distance
-        point, normal = slide.outline.at(track.place(travelled))
+        center, normal = track.at(travelled)
         steady = part(SlidePhase.STICK) - part(SlidePhase.STOP)
         variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
         clearance = t.clearance * (1.0 - part(SlidePhase.APPROACH) + part(SlidePhase.RETRACT))
         normal_force = slide.force * (part(SlidePhase.PRESS) - part(SlidePhase.RELEASE)) * (1.0 + steady * variation)
         friction = (slide.friction * steady)[:, None] * (sense * quarter_turn(normal))
         force = np.maximum(normal_force, FIRST_FORCE)[:, None] * (friction - normal)
-        tip = point + (self.tip_radius + clearance)[:, None] * normal
+        tip = center + clearance[:, None] * normal
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
         joints = near + wrap(self._poses(number, tip, force) - near)
@@ -403,12 +342,12 @@ class SlidingMotion:
         """Lengths travelled, increasing, and the joint angles there, without a jump of a turn."""
         slide, track = self.slides[number], self._tracks[number]
         travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), 721) * track.length
-        point, normal = slide.outline.at(track.place(travelled))
-        distances = (self.tip_radius, self.tip_radius + self.timing.clearance)
-        poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
+        center, normal = track.at(travelled)
+        tips = center, center + self.timing.clearance * normal
+        poses = [self._poses(number, tip, -slide.force * normal) for tip in tips]
         lost = ~self.cell.can_take(np.array(poses)).all(axis=0)
         if lost.any():
-            x, y = point[lost][0]
+            x, y = center[lost][0]
             problem = f'slide {number}: the simulated robot does not reach it around ({x:.3f}, {y:.3f}) m'
             remedy = 'place the object elsewhere, slide along a part of it, or correct robot.limits'
             raise UnsupportedDataError(problem, remedy)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, inverse, posture
+from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.slides import Arc, Outline, Slide, circle, polygon, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, circle, polygon, simulate_slides
 from scara_kinetostatic.simulation.streams import SensorModel
 
 DISC_CENTER = np.array([0.2, 0.3])
@@ -80,9 +82,22 @@ def test_the_uncertainty_covers_joint_states_far_apart():
     assert any('mm apart: what lies between is not seen' in warning for warning in contour.warnings)
 
 
+class Hole(NamedTuple):
+    """The inside of a round hole around the middle of the disc."""
+
+    radius: float
+    is_closed: bool = True
+
+    def surfaces(self, tip_radius: float) -> Surfaces:
+        """Where the tip is in contact."""
+        center, normal = np.array([[0.2, 0.3]]), np.array([[1.0, 0.0]])
+        radii = np.array([tip_radius - self.radius])
+        return Surfaces(np.zeros(1, dtype=int), center, radii, np.zeros((1, 2)), normal, np.array([np.pi]))
+
+
 @pytest.mark.parametrize(('radius', 'speed'), [(0.04, 0.05), (0.0075, 0.01)])
 def test_inside_of_a_hole(radius, speed):
-    hole = Outline((Arc((0.2, 0.3), (-radius, -radius), np.pi, 0.0, -2 * np.pi),), closed=True)
+    hole = Hole(radius)
     contour = traced((0, 1.05), outline=hole, speed=speed)
     assert rms(normal_error(hole, contour.surface)) < 1e-5
     assert np.median(contour.std_normal) < 1e-5
