@@ -36,8 +36,8 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Ellipse, Slide, circle, ellipse, polygon, sensed, simulate_slides
-from scara_kinetostatic.simulation.streams import START, SensorModel, simulate_touches
+from scara_kinetostatic.simulation.slides import Ellipse, Slide, circle, ellipse, polygon
+from scara_kinetostatic.simulation.streams import SensorModel, recorded, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
@@ -100,14 +100,14 @@ def calibrated(robot: ExtendedModel, seed: int) -> Outcome:
 
 def slide_along(robot: ExtendedModel, outline: Outline | Ellipse, force: float, seed: int) -> Streams:
     """The recording of a slide round an object."""
-    return simulate_slides(CELL, robot, [Slide(outline, force, FRICTION, SPEED, end=TURNS)], seed=seed)
+    return simulate_streams(CELL, robot, (Slide(outline, force, FRICTION, SPEED, end=TURNS),), seed=seed)
 
 
 def played(robot: ExtendedModel, outline: Outline | Ellipse, force: float, seed: int) -> Streams:
     """The recording of a slide round an object in MuJoCo."""
     scene = Scene(parameters=robot.parameters, contact_friction=FRICTION)
     motion = SlideController(scene, CELL, Slide(outline, force, speed=SPEED, end=TURNS)).run()
-    return sensed(motion, CELL, SensorModel(), seed, START)
+    return recorded('simulation', CELL, robot, motion, SensorModel(), seed)
 
 
 def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) -> list[Held]:

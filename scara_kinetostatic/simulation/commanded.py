@@ -35,8 +35,9 @@ from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.simulation.motion import Robot
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, Robot, SensorModel, reported_force
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL
 
 FULL = 10.0

@@ -29,7 +29,7 @@ LIMIT_MARGIN = 0.02
 BASE_MARGIN = 0.08
 """Distance of the tip from the first axis, m."""
 CLEARANCE = 0.018
-"""Distance of the free pose from the disc, m; see `simulation.streams`."""
+"""Distance of the free pose from the disc, m; see `simulation.motion`."""
 LARGEST_PRELOAD = 5.0
 """Largest preload, over the force of the hold."""
 

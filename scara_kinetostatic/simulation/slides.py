@@ -12,34 +12,21 @@ sign, resolution and stamps are those of `SensorModel`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, pairs
+from scara_kinetostatic.model.arrays import Floats, pairs
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.outline import Outline, Surfaces, outline_problem, surfaces_of
+from scara_kinetostatic.simulation.motion import FIRST_FORCE, CellState, Course, Moments, Motion, Robot
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import (
-    FIRST_FORCE,
-    START,
-    CellState,
-    Phase,
-    Robot,
-    SensorModel,
-    minimum_jerk,
-    recorded,
-    sensor_angle,
-)
-from scara_kinetostatic.touches.streams import Streams
 
 ARCS = 720
 """Arcs of which an ellipse is made: some nm off it; along it the tip jumps by some 20 nm from one to the next."""
@@ -216,25 +203,7 @@ CROSSING = 2e-3
 """Lever arm of the force within which a joint crosses its backlash, m."""
 
 
-class SlideState(NamedTuple):
-    """The state at k times.
-
-    Attributes:
-        joints: actuator angles Q, (k, 2), rad.
-        force: force of the tip on the object, base frame, (k, 2), N.
-        tip: centre of the tip, (k, 2), m; between two slides, where the third axis is lifted, NaN.
-        slide: number of the slide, (k,).
-        phase: which `SlidePhase`, (k,).
-    """
-
-    joints: Floats
-    force: Floats
-    tip: Floats
-    slide: Indices
-    phase: Indices
-
-
-class SlidingMotion:
+class SlidingMotion(Motion):
     """The motion through several slides.
 
     Args:
@@ -245,7 +214,7 @@ class SlidingMotion:
         seed: of the variation of the normal force.
 
     Attributes:
-        duration: of the whole motion, s.
+        knots: start of every phase, (m, 10), s.
         tip_radius: m; 0 where the cell does not state it.
 
     Raises:
@@ -258,79 +227,64 @@ class SlidingMotion:
     ) -> None:
         if not slides:
             raise UnsupportedDataError('there is no slide', 'plan at least one')
-        self.cell, self.model, self.slides = cell, as_model(truth), slides
-        self.timing, self.tip_radius = timing or SlideTiming(), cell.tip_radius or 0.0
+        self.cell, self.model, self.slides, self.count = cell, as_model(truth), slides, len(slides)
+        t = self.timing = timing or SlideTiming()
+        self.tip_radius = cell.tip_radius or 0.0
         self._tracks = [Track(slide.outline, self.tip_radius) for slide in slides]
         random = np.random.default_rng([seed, 2])
-        self._variation = [SlowNoise(random, 1, self.timing.variation_time) for _ in slides]
-        self._knots = self._schedule()
-        self.duration = float(self._knots[-1, -1])
+        self._variation = [SlowNoise(random, 1, t.variation_time) for _ in slides]
         self._paths = [self._path(number) for number in range(len(slides))]
-        # joint angles where each slide's travel ends and the next one's begins, (m, 2, 2), rad
-        ends = np.array([self._states(k, knots[[SlidePhase.PAUSE, -1]])[0] for k, knots in enumerate(self._knots[:-1])])
-        home = ends[[0, -1], [0, 1]] + (0.25, -0.15)
-        self._stations = np.concatenate([home[:1], ends.reshape(-1, 2), home[1:]])
-
-    def _schedule(self) -> Floats:
-        """Begins of the phases of each slide, and the end of the last phase, (m, 11), s; a last row: the way home."""
-        t, rows, begin = self.timing, [], 0.0
-        for slide, track in zip(self.slides, self._tracks, strict=True):
+        ends, durations = [], []
+        for number, (slide, track) in enumerate(zip(slides, self._tracks, strict=True)):
+            travelled = np.array([slide.begin, slide.end]) * track.length
+            center, normal = track.at(travelled)
+            ends.append(self._joints(number, travelled, center + t.clearance * normal, -FIRST_FORCE * normal))
             sliding = abs(slide.end - slide.begin) * track.length / slide.speed + t.start
-            spans = (t.travel, t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause)
-            rows.append(begin + np.append(0.0, np.cumsum(spans)))
-            begin = float(rows[-1][-1])
-        rows.append(np.full(len(SlidePhase) + 1, begin + t.travel))
-        rows[-1][0] = begin
-        return np.array(rows)
+            durations.append((t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause))
+        self._course = Course(np.array(ends), np.array(durations), t.travel)
+        self.knots, self.duration = self._course.knots, self._course.duration
 
-    def state_at(self, time: Floats) -> SlideState:
+    def state_at(self, time: ArrayLike) -> CellState:
         """The state at times in s since the start, (k,); before it and past the end the arm rests."""
-        time = np.clip(np.asarray(time, dtype=float), 0.0, self.duration)
-        slide = np.clip(np.searchsorted(self._knots[:, 0], time, side='right') - 1, 0, len(self.slides))
-        phase = (self._knots[slide, 1:-1] <= time[:, None]).sum(axis=1)
-        phase[slide == len(self.slides)] = SlidePhase.TRAVEL
-        joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
-        tip = np.full((len(time), 2), np.nan)
-        travelling = phase == SlidePhase.TRAVEL
-        to = slide[travelling]
-        begin, end = self._stations[2 * to], self._stations[2 * to + 1]
-        part = minimum_jerk((time[travelling] - self._knots[to, 0]) / self.timing.travel)
-        joints[travelling] = begin + part[:, None] * (end - begin)
-        for number in range(len(self.slides)):
-            here = np.flatnonzero((slide == number) & ~travelling)
-            joints[here], tip[here], force[here] = self._states(number, time[here])
-        return SlideState(joints, force, tip, slide.clip(max=len(self.slides) - 1), phase)
+        at, time = self._course.at(time), np.asarray(time, dtype=float)
+        joints, force, slide = at.joints, np.zeros((len(time), 2)), at.contact.clip(max=self.count - 1)
+        for number in range(self.count):
+            here = np.flatnonzero((slide == number) & (at.phase != SlidePhase.TRAVEL))
+            joints[here], force[here] = self._contact_at(number, at.select(here), time[here])
+        relative_force = np.minimum(np.hypot(*force.T) / np.array([each.force for each in self.slides])[slide], 1.0)
+        return CellState(joints, force, slide, at.phase, at.progress, relative_force)
 
-    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """Joint angles, rad, tip, m, and force, N, at times within a slide, (k, 2) each.
+    def errors_at(self, time: Floats, state: CellState, seed: int) -> Floats:
+        """Errors of joint angles and force at k moments, in standard deviations, (2, k, 2): they change slowly."""
+        return slow_errors(time, self.timing.variation_time, seed)
+
+    def _contact_at(self, number: int, at: Moments, time: Floats) -> tuple[Floats, Floats]:
+        """Joint angles, rad, and force, N, at moments and times within a slide, (k, 2) each.
 
         The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
         F = N (-n + μ τ t); 0+ along -n in the free motion.
         """
         slide, track, t = self.slides[number], self._tracks[number], self.timing
-        knots = self._knots[number]
-
-        def part(phase: int) -> Floats:
-            """How much of a phase has passed, 0 to 1, by the time law."""
-            span = knots[phase + 1] - knots[phase]
-            return minimum_jerk(np.clip((time - knots[phase]) / span, 0.0, 1.0))
-
+        begin, end = self.knots[number, [SlidePhase.SLIDE, SlidePhase.STOP]]
         sense = np.sign(slide.end - slide.begin)
-        begin, end = knots[[SlidePhase.SLIDE, SlidePhase.STOP]]
         distance = _distance(np.clip(time - begin, 0.0, None), end - begin, slide.speed, t.start)
         travelled = slide.begin * track.length + sense * distance
         center, normal = track.at(travelled)
-        steady = part(SlidePhase.STICK) - part(SlidePhase.STOP)
+        steady = at.part(SlidePhase.STICK) - at.part(SlidePhase.STOP)
         variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
-        clearance = t.clearance * (1.0 - part(SlidePhase.APPROACH) + part(SlidePhase.RETRACT))
-        normal_force = slide.force * (part(SlidePhase.PRESS) - part(SlidePhase.RELEASE)) * (1.0 + steady * variation)
+        clearance = t.clearance * (1.0 - at.part(SlidePhase.APPROACH) + at.part(SlidePhase.RETRACT))
+        pressed = at.part(SlidePhase.PRESS) - at.part(SlidePhase.RELEASE)
+        normal_force = slide.force * pressed * (1.0 + steady * variation)
         friction = (slide.friction * steady)[:, None] * (sense * quarter_turn(normal))
         force = np.maximum(normal_force, FIRST_FORCE)[:, None] * (friction - normal)
-        tip = center + clearance[:, None] * normal
+        joints = self._joints(number, travelled, center + clearance[:, None] * normal, force)
+        return joints, np.where(normal_force[:, None] > 0, force, 0.0)
+
+    def _joints(self, number: int, travelled: Floats, tip: Floats, force: Floats) -> Floats:
+        """Joint angles of a slide for places of the tip and forces, (k, 2), rad, near the path of the slide."""
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
-        joints = near + wrap(self._poses(number, tip, force) - near)
-        return joints, tip, np.where(normal_force[:, None] > 0, force, 0.0)
+        return np.asarray(near + wrap(self._poses(number, tip, force) - near))
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture
@@ -388,47 +342,6 @@ class SlowNoise:
         return np.asarray((self._size * waves).sum(axis=1))
 
 
-def simulate_slides(
-    cell: Cell,
-    truth: Robot,
-    slides: Sequence[Slide],
-    *,
-    timing: SlideTiming | None = None,
-    sensors: SensorModel | None = None,
-    seed: int = 0,
-    start: int = START,
-) -> Streams:
-    """Both streams of one pass through several slides.
-
-    Args:
-        cell: sensor, noise of a touch, radius of the tip.
-        truth: the simulated robot: its parameters, or the model with its effects.
-        slides: one after the other.
-        timing: how long their parts last.
-        sensors: noise, bias and rates.
-        seed: of all random numbers.
-        start: stamp of the start, ns.
-
-    Raises:
-        UnsupportedDataError: there is no slide, or the simulated robot does not reach one.
-        ParameterError: an outline is too narrow for the tip.
-    """
-    motion = SlidingMotion(cell, truth, tuple(slides), timing, seed)
-    return sensed(motion, cell, sensors or SensorModel(), seed, start)
-
-
-def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
-    """What the sensors report of a motion; the other arguments are those of `simulate_slides`."""
-    errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
-
-    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        """The state at times, each instant as the hold of a touch of its own, the force over that of the slide."""
-        state, unit = motion.state_at(time), errors.at(time)
-        angle = sensor_angle(cell, motion.model.parameters, state.joints)
-        both_errors = sensors.touch_errors(cell, np.stack([unit[:, :2], unit[:, 2:]]), state.force, angle)
-        planned = np.array([slide.force for slide in motion.slides])[state.slide]
-        relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
-        touch, hold = np.arange(len(planned)), np.full(len(planned), Phase.HOLD)
-        return CellState(state.joints, state.force, touch, hold, np.ones(len(touch)), relative_force), *both_errors
-
-    return recorded('simulation', cell, motion.model, sensors, motion.duration, at, seed, start)
+def slow_errors(time: Floats, duration: float, seed: int) -> Floats:
+    """Errors of joint angles and force at times, s, in standard deviations, (2, k, 2), correlated over a duration."""
+    return SlowNoise(np.random.default_rng([seed, 0]), 4, duration).at(time).reshape(-1, 2, 2).transpose(1, 0, 2)

@@ -18,8 +18,8 @@ from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, inverse, posture
 from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.slides import Slide, circle, polygon, simulate_slides
-from scara_kinetostatic.simulation.streams import SensorModel
+from scara_kinetostatic.simulation.slides import Slide, circle, polygon
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 
 DISC_CENTER = np.array([0.2, 0.3])
 NOISY = SensorModel(force_noise=1.0)
@@ -141,8 +141,10 @@ def test_passes_are_joined_and_gaps_left_open():
     assert whole.lost > 1
     two = traced((0.0, 0.4), (0.5, 0.7), outline=SQUARE)
     assert [outline.closed for outline in two.outlines] == [False, False]
-    objects = [Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))]
-    apart = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, objects), arm())
+    objects = tuple(
+        Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
+    )
+    apart = trace_contour(simulate_streams(CELL, PAPER_ACTUAL, objects), arm())
     assert [outline.closed for outline in apart.outlines] == [True, True]
     assert apart.outlines[0].length == pytest.approx(2 * np.pi * 0.04, rel=1e-3)
 
