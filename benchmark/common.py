@@ -23,9 +23,10 @@ from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, EffectSizes, Noise, SizeMode, Uncertainty
+from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.simulation.slides import SAMPLES, Outline
+from scara_kinetostatic.simulation.slides import Ellipse
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)
@@ -190,25 +191,16 @@ def svg_figure(path: Path, width: float, height: float) -> Iterator[Any]:
         figure.savefig(path, format='svg', metadata={'Date': None})
 
 
-def normal_error(outline: Outline, points: ArrayLike) -> Floats:
-    """Distance of points from the surface along its normal, (k,), m, positive outside.
-
-    From the nearest of `SAMPLES` places on each piece; what the distance between these leaves is below 1 nm.
-    """
-    places, normals = outline.at(np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES * (1 - 1e-15))
-    points = np.asarray(points, dtype=float)
-    still = ~np.diff(places, axis=0).any(axis=1)
-    sharp = np.append(still, False) | np.append(False, still)
-    sharp[0] |= outline.closed and bool(sharp[-1])
+def normal_error(outline: Outline | Ellipse, points: ArrayLike) -> Floats:
+    """Distance of points from the surface along its normal, (k,), m, positive outside."""
+    surfaces = surfaces_of([outline], 0.0) if isinstance(outline, Outline) else outline.surfaces(0.0)
+    points, is_corner = np.asarray(points, dtype=float), surfaces.radii == 0
     found = np.empty(len(points))
     for first in range(0, len(points), 512):
         part = points[first : first + 512]
-        apart = part[:, None] - places
-        nearest = np.einsum('ijk,ijk->ij', apart, apart).argmin(axis=1)
-        offset = apart[np.arange(len(part)), nearest]
-        along = np.einsum('ij,ij->i', offset, normals[nearest])
-        at_corner = np.copysign(np.hypot(*offset.T), along)
-        found[first : first + 512] = np.where(sharp[nearest], at_corner, along)
+        # a sharp corner comes before the ends of its edges, which are as near
+        nearest = (surfaces.distances(part) - 1e-12 * is_corner).argmin(axis=1)
+        found[first : first + 512] = surfaces.gaps(part)[np.arange(len(part)), nearest]
     return found
 
 

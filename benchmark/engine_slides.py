@@ -7,18 +7,20 @@ softer than that of touches is said at `Engine`. It starts and stops with consta
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.outline import Outline
+from scara_kinetostatic.simulation.motion import CellState, Motion, minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
-from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, Track
-from scara_kinetostatic.simulation.streams import minimum_jerk
+from scara_kinetostatic.simulation.slides import Ellipse, Slide, SlidePhase, SlideTiming, Track, slow_errors
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
@@ -28,41 +30,34 @@ _FASTEST = 8e-3
 """Fastest motion along the normal, m/s."""
 
 
-class EngineSlide(NamedTuple):
-    """What the engine made of a slide, tick by tick; as `SlidingMotion` for the sensors.
+class EngineSlide(Motion):
+    """What the engine made of a slide, tick by tick.
 
     Attributes:
-        time: (k,), s.
         joints: motor angles, (k, 2), rad.
         force: of the tip on the object, base frame, (k, 2), N.
-        tip: centre of the ball, (k, 2), m.
         phase: which of the phases of a slide, (k,).
-        slides: the one slide.
-        model: the arm.
-        timing: of the errors of the sensors.
     """
 
-    time: Floats
-    joints: Floats
-    force: Floats
-    tip: Floats
-    phase: Indices
-    slides: tuple[Slide, ...]
-    model: ExtendedModel
-    timing: SlideTiming
+    count = 1
 
-    @property
-    def duration(self) -> float:
-        """Of the whole motion, s."""
-        return float(self.time[-1])
+    def __init__(self, ticks: Sequence[tuple[Floats, Floats, int]], slide: Slide, timing: SlideTiming) -> None:
+        self.joints, self.force, self.phase = (np.array(column) for column in zip(*ticks, strict=True))
+        self._time, self._slide, self._timing = TICK * np.arange(1, len(ticks) + 1), slide, timing
+        self.duration = float(self._time[-1])
 
-    def state_at(self, time: Floats) -> SlideState:
-        """The state at times in s, (k,)."""
-        values = np.column_stack([self.joints, self.force, self.tip])
-        at = np.column_stack([np.interp(time, self.time, column) for column in values.T])
-        row = np.clip(np.searchsorted(self.time, time), 0, len(self.time) - 1)
-        number = np.zeros(len(time), dtype=np.intp)
-        return SlideState(at[:, :2], at[:, 2:4], at[:, 4:], number, self.phase[row])
+    def state_at(self, time: ArrayLike) -> CellState:
+        """The state between two ticks, linear."""
+        time = np.asarray(time, dtype=float)
+        now = np.column_stack([np.interp(time, self._time, row) for row in (*self.joints.T, *self.force.T)])
+        phase = self.phase[np.clip(np.searchsorted(self._time, time), 0, len(self._time) - 1)]
+        relative_force = np.minimum(np.hypot(*now[:, 2:].T) / self._slide.force, 1.0)
+        none = np.zeros(len(time), dtype=np.intp)
+        return CellState(now[:, :2], now[:, 2:], none, phase, np.ones(len(time)), relative_force)
+
+    def errors_at(self, time: Floats, state: CellState, seed: int) -> Floats:
+        """As those of `SlidingMotion`."""
+        return slow_errors(time, self._timing.variation_time, seed)
 
 
 class SlideController:
@@ -71,7 +66,7 @@ class SlideController:
     Args:
         scene: the robot, with its contact friction.
         cell: its tip has the radius of the scene's, 5 mm.
-        slide: the object and how to slide along it; its friction is not used.
+        slide: the object, no ellipse, and how to slide along it; its friction is not used.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -80,11 +75,14 @@ class SlideController:
 
     def __init__(self, scene: Scene, cell: Cell, slide: Slide) -> None:
         self.scene, self.cell, self.slide, self.timing = scene, cell, slide, SlideTiming()
-        self._track = Track.along(slide.outline, cell.tip_radius or 0.0)
+        self._track = Track(slide.outline, cell.tip_radius or 0.0)
         self._travelled = slide.begin * self._track.length
         self._depth, self._lift, self._force = -self.timing.clearance, 0.0, 0.0
-        self.engine = Engine(scene, cell, self._command(), slide.outline)
-        self._ticks: list[tuple[Floats, Floats, Floats, int]] = []
+        item: Disc | Outline | Ellipse = slide.outline
+        if isinstance(item, Ellipse):
+            item = Disc('disc', *item.center, item.semi_axes[0] + (cell.tip_radius or 0.0))
+        self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), sliding=True)
+        self._ticks: list[tuple[Floats, Floats, int]] = []
 
     def run(self) -> EngineSlide:
         """Approaches, slides, retracts.
@@ -105,7 +103,7 @@ class SlideController:
             self._depth = begin - part * (begin + self.timing.clearance)
             self._tick(SlidePhase.RETRACT)
         self._rest(2 * self.timing.pause)
-        return self._motion()
+        return EngineSlide(self._ticks, self.slide, self.timing)
 
     def _hold_force(self, duration: float, speed: float, phase: int = SlidePhase.SLIDE) -> None:
         """Moves along the object at a speed while the force along the normal is held."""
@@ -128,13 +126,13 @@ class SlideController:
             self._tick(SlidePhase.PAUSE)
 
     def _surface(self) -> tuple[Floats, Floats]:
-        point, normal = self.slide.outline.at(self._track.place(np.array([self._travelled])))
-        return point[0], normal[0]
+        center, normal = self._track.at(np.array([self._travelled]))
+        return center[0], normal[0]
 
     def _command(self) -> Floats:
         """Motor angles of the rigid arm, (2,), rad."""
-        point, normal = self._surface()
-        aim = point + ((self.cell.tip_radius or 0.0) - self._depth) * normal
+        center, normal = self._surface()
+        aim = center - self._depth * normal
         joints = inverse(self.scene.parameters, aim[None], self.slide.posture)[0]
         if not np.isfinite(joints).all():
             raise UnsupportedDataError('the arm does not reach the object', 'place it elsewhere')
@@ -145,10 +143,4 @@ class SlideController:
         self.engine.advance()
         force = self.engine.force()
         self._force += TICK / (TICK + FILTER) * (float(-force @ self._surface()[1]) - self._force)
-        self._ticks.append((self.engine.joints.copy(), force, self.engine.tip, phase))
-
-    def _motion(self) -> EngineSlide:
-        joints, force, tip, phase = (np.array(column) for column in zip(*self._ticks, strict=True))
-        time = np.asarray(TICK * np.arange(1, len(joints) + 1), dtype=float)
-        model = ExtendedModel(self.scene.parameters)
-        return EngineSlide(time, joints, force, tip, phase, (self.slide,), model, self.timing)
+        self._ticks.append((self.engine.joints.copy(), force, phase))

@@ -91,7 +91,6 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan
     from scara_kinetostatic.simulation.plan_file import load_planned
-    from scara_kinetostatic.simulation.slides import simulate_slides
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
@@ -109,11 +108,7 @@ def run(args: argparse.Namespace) -> None:
         if args.truth_file:
             workshop = together.enter_context(all_or_nothing(args.truth_file))
             (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
-        more = {'sensors': sensors, 'seed': args.seed}
-        if isinstance(plan, tuple):
-            streams = simulate_slides(cell, truth, plan, **more)
-        else:
-            streams = simulate_streams(cell, truth, plan, **more)
+        streams = simulate_streams(cell, truth, plan, sensors=sensors, seed=args.seed)
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])

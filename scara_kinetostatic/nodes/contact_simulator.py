@@ -45,7 +45,7 @@ from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import load_planned
-from scara_kinetostatic.simulation.slides import Slide, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
@@ -298,11 +298,10 @@ class ContactSimulator(CellNode):
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
         assert self._plan is not None
-        given: dict[str, Any] = {'sensors': self._sensors, 'seed': self.value('seed') + self._passes, 'start': 0}
-        if isinstance(self._plan, tuple):
-            streams = simulate_slides(self._cell, self._truth, self._plan, **given)
-        else:
-            streams = simulate_streams(self._cell, self._truth, self._plan, **given, repeated=self._passes > 0)
+        cell, truth, seed, repeated = self._cell, self._truth, self.value('seed') + self._passes, self._passes > 0
+        streams = simulate_streams(
+            cell, truth, self._plan, sensors=self._sensors, seed=seed, start=0, repeated=repeated
+        )
         self._passes += 1
         read = replace(streams.joints, position=self._cell.readings(streams.joints.position))
         return Playback(replace(streams, joints=read), start)

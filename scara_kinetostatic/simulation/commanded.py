@@ -35,9 +35,10 @@ from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.simulation.motion import Robot
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, Robot, SensorModel, reported_force
-from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
+from scara_kinetostatic.touches.load_history import last_movement
 
 FULL = 10.0
 """Force from which on the error of a touch has its full size, N."""
@@ -99,36 +100,6 @@ def _around(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
     return corners if x @ np.roll(y, -1) > y @ np.roll(x, -1) else corners[::-1]
 
 
-class _Movement:
-    """The last movement of one joint, as `last_movement` has it, and its part in contact; followed sample by sample."""
-
-    def __init__(self, angle: float) -> None:
-        self._begin = self._far = self._contact = angle
-        self._touching = False
-
-    def follow(self, angle: float, touching: bool) -> None:
-        """Takes the next angle, rad."""
-        sense = 1.0 if self._far >= self._begin else -1.0
-        if sense * (angle - self._far) > 0:
-            self._far = angle
-        elif sense * (self._far - angle) > SMALLEST_REVERSAL:
-            self._begin, self._far = self._far, angle
-            self._contact = self._begin
-        if touching and not self._touching:
-            self._contact = angle
-        self._touching = touching
-
-    @property
-    def approach(self) -> float:
-        """From the last reversal on, rad."""
-        return self._far - self._begin
-
-    @property
-    def press(self) -> float:
-        """From the last reversal on, or from the begin of the contact where that is later, rad."""
-        return self._far - self._contact
-
-
 class ModelBody:
     """The robot by its model: A(Q, L̄) with the effects and with what the joints remember.
 
@@ -157,7 +128,7 @@ class ModelBody:
         """Stands at motor angles, relaxed."""
         self.force, self.touched, self.contacts = (0.0, 0.0), '', 0
         self.joints, self._raised, self._time = joints, lift > RAISED, 0.0
-        self._movements = [_Movement(angle) for angle in joints]
+        self._path, self._begin = [joints], 0
         self._history: list[tuple[float, float, float, float]] = []
         self._metadata = TouchMetadata.plain(1)
 
@@ -183,14 +154,17 @@ class ModelBody:
         if raised == self._raised and max(abs(a - b) for a, b in zip(joints, self.joints, strict=True)) < 1e-9:
             return
         self.joints, self._raised, self._time = joints, raised, time
-        for movement, angle in zip(self._movements, joints, strict=True):
-            movement.follow(angle, bool(self.touched))
+        self._path.append(joints)
         before, (surface, gap) = self.touched, (0, np.inf) if raised else self.nearest(joints)
         if gap > _NEAR:
             self.force, self.touched = (0.0, 0.0), ''
+            del self._path[:-500]  # of the free motion the last two seconds count
         else:
             self._press(surface, gap)
-        self.contacts += bool(self.touched) and not before
+        if self.touched and not before:
+            self.contacts, self._begin = self.contacts + 1, len(self._path) - 1
+        if before and not self.touched:
+            self._path = [joints]
         if self.model.effects and (self.touched or before):
             self._remember()
 
@@ -199,7 +173,8 @@ class ModelBody:
         q, s = np.array([self.joints]), self._surfaces.select(np.array([k]))
         if self.model.effects:
             history = np.array([self._history]) if self._history else None
-            approach, press = np.array([[(each.approach, each.press) for each in self._movements]]).transpose(2, 0, 1)
+            begins = 0, self._begin if self.touched else -1
+            approach, press = (last_movement(self._path[begin:], self.joints)[None] for begin in begins)
             self._metadata = TouchMetadata(
                 s.object, np.array([self._time]), approach, posture(self.model.parameters, q), press,
                 history, order=np.array([self.contacts]), surface=np.array([k]),

@@ -29,7 +29,7 @@ LIMIT_MARGIN = 0.02
 BASE_MARGIN = 0.08
 """Distance of the tip from the first axis, m."""
 CLEARANCE = 0.018
-"""Distance of the free pose from the disc, m; see `simulation.streams`."""
+"""Distance of the free pose from the disc, m; see `simulation.motion`."""
 LARGEST_PRELOAD = 5.0
 """Largest preload, over the force of the hold."""
 
@@ -49,7 +49,7 @@ def check_numbers(where: str, holder: Any, *, zero: Sequence[str] = (), signed: 
     for item in fields(holder):
         value = getattr(holder, item.name)
         value = value.levels if isinstance(value, Noise) else value
-        if not isinstance(value, (int, float, tuple)):
+        if not isinstance(value, (int, float, tuple)) or isinstance(value, Outline):
             continue
         array = np.asarray(value, dtype=float)
         least = -np.inf if item.name in signed else 0.0

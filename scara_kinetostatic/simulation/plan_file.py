@@ -34,9 +34,9 @@ from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
 from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read_text, shown
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse
-from scara_kinetostatic.model.outline import Outline as KnownOutline
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
-from scara_kinetostatic.simulation.slides import Outline, Slide, circle, ellipse, polygon
+from scara_kinetostatic.simulation.slides import Ellipse, Slide, circle, ellipse, polygon
 
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
 POSTURE_NAMES = {1: 'left', -1: 'right'}
@@ -159,7 +159,7 @@ def load_slides(path: str | Path, cell: Cell) -> tuple[Slide, ...]:
     return tuple(slides)
 
 
-def _outline(entry: Section, cell: Cell) -> Outline:
+def _outline(entry: Section, cell: Cell) -> Outline | Ellipse:
     """The outline under the key `slide`: of a disc of the cell, by its name, or one of `_FORMS`."""
     given = entry.data['slide']
     if isinstance(given, str):
@@ -167,9 +167,7 @@ def _outline(entry: Section, cell: Cell) -> Outline:
         if given not in discs:
             raise entry.error('slide', f'the cell has no disc {given!r}', did_you_mean(given, discs, 'its discs are'))
         disc = discs[given]
-        if isinstance(disc, KnownOutline):
-            return polygon(disc.corners, disc.corner_radius, disc.is_closed)
-        return circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
+        return disc if isinstance(disc, Outline) else circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
     form = next((key for key in _FORMS if isinstance(given, dict) and key in given), 'radius')
     shape = entry.section('slide', *_FORMS[form])
     if form == 'outline':

@@ -1,9 +1,9 @@
 """Slides of the tip along the outline of an object: the motion, and its recording as the sensors report it.
 
-The outline consists of straight edges, arcs of circles and of ellipses, one after the other. The object is on the left
-of the direction of travel along it, the tip slides on the right: a closed outline is counter-clockwise. With n the
-outward normal and r the radius of the tip, the centre of the tip is at S = P + r n. At a sharp corner P stays while n
-turns, so that S moves on an arc around the corner.
+The outline consists of straight edges and arcs, or is an ellipse. The object is on the left of the direction of travel
+along it, the tip slides on the right: a closed outline is counter-clockwise. The centre of the tip is on the outline
+grown by the tip's radius (`model.outline`): at a sharp corner the surface stays while the normal turns, so that the
+centre moves on an arc around the corner.
 
 The repeatability of a touch (`cell.noise`) is here an error of the same size that changes slowly along the slide
 (`SlideTiming.variation_time`); its force part grows and falls with the force, as in a touch. White noise, zero, frame,
@@ -12,163 +12,69 @@ sign, resolution and stamps are those of `SensorModel`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, pairs
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.outline import Outline as KnownOutline
-from scara_kinetostatic.model.outline import edges_of
+from scara_kinetostatic.model.outline import Outline, Surfaces, outline_problem, surfaces_of
+from scara_kinetostatic.simulation.motion import FIRST_FORCE, CellState, Course, Moments, Motion, Robot
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import (
-    FIRST_FORCE,
-    START,
-    CellState,
-    Phase,
-    Robot,
-    SensorModel,
-    minimum_jerk,
-    recorded,
-    sensor_angle,
-)
-from scara_kinetostatic.touches.streams import Streams
 
-SAMPLES = 4000
-"""Places along a piece at which lengths and distances are worked out."""
+ARCS = 720
+"""Arcs of which an ellipse is made: some nm off it; along it the tip jumps by some 20 nm from one to the next."""
 
 
-class Edge(NamedTuple):
-    """A straight edge.
-
-    Attributes:
-        begin: (x, y), m.
-        end: (x, y), m.
-    """
-
-    begin: tuple[float, float]
-    end: tuple[float, float]
-
-    def at(self, part: Floats) -> tuple[Floats, Floats]:
-        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
-        begin, along = np.array(self.begin), np.subtract(self.end, self.begin)
-        normal = np.array([along[1], -along[0]]) / np.hypot(*along)
-        return begin + part[:, None] * along, np.broadcast_to(normal, (len(part), 2))
-
-
-class Arc(NamedTuple):
-    """An arc of a circle or of an ellipse.
+@dataclass(frozen=True)
+class Ellipse:
+    """The outline of an ellipse or of a disc.
 
     Attributes:
         center: (x, y), m.
-        semi_axes: of the ellipse, m; equal ones of a circle may be zero (a sharp corner) or negative (hollow).
+        semi_axes: m.
         rotation: of the first semi-axis from x, rad.
-        begin: angle of the parametric form where it begins, rad.
-        end: where it ends, rad; less than `begin` for a hollow arc.
     """
 
     center: tuple[float, float]
     semi_axes: tuple[float, float]
-    rotation: float
-    begin: float
-    end: float
-
-    def at(self, part: Floats) -> tuple[Floats, Floats]:
-        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
-        angle = self.begin + part * (self.end - self.begin)
-        c, s, (a, b) = np.cos(angle), np.sin(angle), self.semi_axes
-        normal = np.column_stack([c, s] if a == b else [b * c, a * s])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        along = np.cos(self.rotation), np.sin(self.rotation)
-        turn = np.array([along, (-along[1], along[0])])
-        return np.column_stack([a * c, b * s]) @ turn + self.center, normal @ turn
-
-
-@dataclass(frozen=True)
-class Outline:
-    """The outline of an object.
-
-    Attributes:
-        pieces: one after the other.
-        closed: whether the last one ends where the first one begins.
-    """
-
-    pieces: tuple[Edge | Arc, ...]
-    closed: bool
-
-    def at(self, place: Floats) -> tuple[Floats, Floats]:
-        """The surface, (k, 2), m, and its outward unit vectors, (k, 2), at places (k,): number and part of the piece.
-
-        Those of a closed outline repeat.
-        """
-        count = len(self.pieces)
-        place = np.mod(place, count) if self.closed else np.clip(place, 0.0, count)
-        number = np.minimum(place.astype(np.intp), count - 1)
-        point, normal = np.empty((len(place), 2)), np.empty((len(place), 2))
-        for k, piece in enumerate(self.pieces):
-            here = number == k
-            point[here], normal[here] = piece.at(place[here] - k)
-        return point, normal
-
-
-class Track(NamedTuple):
-    """The path of the tip's centre along an outline.
-
-    Attributes:
-        places: on the outline, (k,); see `Outline.at`.
-        travelled: length of the path up to each, (k,), m.
-    """
-
-    places: Floats
-    travelled: Floats
-
-    @classmethod
-    def along(cls, outline: Outline, tip_radius: float) -> Track:
-        """The path on the right of an outline.
-
-        Raises:
-            ParameterError: a hollow arc is narrower than the tip.
-        """
-        for piece in outline.pieces:
-            if isinstance(piece, Arc) and piece.end < piece.begin and -piece.semi_axes[0] < tip_radius:
-                problem = f'a hollow corner of radius {abs(piece.semi_axes[0]):g} m is narrower than the tip'
-                raise ParameterError('outline', problem, f'give it the radius {tip_radius:g} m or more')
-        places = np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES
-        point, normal = outline.at(places * (1 - 1e-15))
-        steps = np.diff(point + tip_radius * normal, axis=0)
-        return cls(places, np.append(0.0, np.cumsum(np.hypot(*steps.T))))
+    rotation: float = 0.0
 
     @property
-    def length(self) -> float:
-        """Of the whole path, m."""
-        return float(self.travelled[-1])
+    def is_closed(self) -> bool:
+        """That it is."""
+        return True
 
-    def place(self, travelled: Floats) -> Floats:
-        """The places after lengths of the path, (k,), m; a closed outline goes on behind its end."""
-        # the end belongs to its turn: that of an open one is not its begin
-        turns = np.ceil(travelled / self.length) - 1
-        within = np.interp(travelled - turns * self.length, self.travelled, self.places)
-        return np.asarray(turns * self.places[-1] + within)
+    def surfaces(self, tip_radius: float) -> Surfaces:
+        """Where the centre of the tip is in contact: arcs of its circles of curvature, whose normals turn evenly."""
+        half, (a, b), turn = np.pi / ARCS, self.semi_axes, np.exp(1j * self.rotation)
+        normal = np.exp(1j * half * (2 * np.arange(ARCS) + 1))
+        reach = np.hypot(a * normal.real, b * normal.imag)
+        place = (a**2 * normal.real + 1j * b**2 * normal.imag) / reach
+        radius = (a * b) ** 2 / reach**3
+        center = complex(*self.center) + turn * (place - radius * normal)
+        object, half_angles = np.zeros(ARCS, dtype=np.intp), np.full(ARCS, half)
+        return Surfaces(
+            object, pairs(center), radius + tip_radius, np.zeros((ARCS, 2)), pairs(turn * normal), half_angles
+        )
 
 
-def circle(center: tuple[float, float], radius: float) -> Outline:
+def circle(center: tuple[float, float], radius: float) -> Ellipse:
     """The outline of a disc."""
     return ellipse(center, (radius, radius))
 
 
-def ellipse(center: tuple[float, float], semi_axes: tuple[float, float], rotation: float = 0.0) -> Outline:
+def ellipse(center: tuple[float, float], semi_axes: tuple[float, float], rotation: float = 0.0) -> Ellipse:
     """The outline of an ellipse, its first semi-axis turned by an angle in rad."""
     if not min(semi_axes) > 0:
         raise ParameterError('outline', f'expected a radius above 0 m, got {min(semi_axes):g}')
-    return Outline((Arc(center, semi_axes, rotation, 0.0, 2 * np.pi),), closed=True)
+    return Ellipse(center, semi_axes, rotation)
 
 
 def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True) -> Outline:
@@ -182,26 +88,46 @@ def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True)
     Raises:
         ParameterError: too few corners, two at one place, or an edge too short for the roundings of its corners.
     """
-    points = np.asarray(corners, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < (3 if closed else 2):
-        raise ParameterError('outline', f'expected {3 if closed else 2} or more corners [x, y], got {len(points)}')
-    places = tuple((float(x), float(y)) for x, y in points)
-    point, along, lengths, turns, cut = edges_of(KnownOutline('', places, corner_radius, not closed))
-    if not lengths.all():
-        raise ParameterError('outline', 'two corners after each other are at the same place')
-    if turns[1:].sum() < 0 and closed:
-        raise ParameterError('outline', 'the corners are clockwise', 'list them counter-clockwise')
-    if np.any(cut[:-1] + cut[1:] > lengths):
-        raise ParameterError('outline', f'an edge is too short for corners of radius {corner_radius:g} m')
-    pieces: list[Edge | Arc] = []
-    for k, direction in enumerate(along):
-        begin, foot = point[k] + cut[k] * direction, point[k] + (lengths[k] - cut[k + 1]) * direction
-        pieces.append(Edge((begin.real, begin.imag), (foot.real, foot.imag)))
-        if turn := float(turns[k + 1]):
-            radius, angle = np.sign(turn) * corner_radius, np.angle(-1j * direction)
-            center = foot + 1j * radius * direction
-            pieces.append(Arc((center.real, center.imag), (radius, radius), 0.0, angle, angle + turn))
-    return Outline(tuple(pieces), closed)
+    outline = Outline('', tuple((float(x), float(y)) for x, y in np.asarray(corners)), corner_radius, not closed)
+    if problem := outline_problem(outline, 0.0):
+        raise ParameterError('outline', *problem)
+    return outline
+
+
+class Track:
+    """The path of the tip's centre along an outline.
+
+    Args:
+        outline: of the surface; anything with `surfaces` and `is_closed`, as `Ellipse` has them.
+        tip_radius: m.
+
+    Attributes:
+        length: of the whole path, m.
+
+    Raises:
+        ParameterError: an inner corner is narrower than the tip.
+    """
+
+    def __init__(self, outline: Outline | Ellipse, tip_radius: float) -> None:
+        self._is_closed = outline.is_closed
+        s = surfaces_of([outline], tip_radius) if isinstance(outline, Outline) else outline.surfaces(tip_radius)
+        if len(s.inner_corners[0]):
+            raise ParameterError(
+                'outline', 'an inner corner is narrower than the tip', f'round it by {tip_radius:g} m or more'
+            )
+        self._ends = np.cumsum(2 * s.halves * np.where(s.is_edge, 1.0, np.abs(s.radii)))
+        self._surfaces, self.length = s, float(self._ends[-1])
+
+    def at(self, travelled: Floats) -> tuple[Floats, Floats]:
+        """Centre of the tip, m, and outward normal of the surface, (k, 2) each, after lengths of the path, (k,), m.
+
+        A closed outline goes on behind its end.
+        """
+        along = np.mod(travelled, self.length) if self._is_closed else np.clip(travelled, 0.0, self.length)
+        row = np.minimum(np.searchsorted(self._ends, along, side='right'), len(self._ends) - 1)
+        begin = np.append(0.0, self._ends)[row]
+        part = 2.0 * (along - begin) / np.maximum(self._ends[row] - begin, 1e-12) - 1.0
+        return self._surfaces.select(row).at(part)
 
 
 @dataclass(frozen=True)
@@ -221,7 +147,7 @@ class Slide:
         ParameterError: a value that makes no sense.
     """
 
-    outline: Outline
+    outline: Outline | Ellipse
     force: float = 15.0
     friction: float = 0.0
     speed: float = 0.02
@@ -237,7 +163,7 @@ class Slide:
             raise ParameterError('slide: posture', f'expected +1 or -1, got {self.posture}')
         if self.begin == self.end:
             raise ParameterError('slide: end', 'is where the slide begins', 'let it end elsewhere')
-        if not self.outline.closed and not all(0 <= place <= 1 for place in (self.begin, self.end)):
+        if not self.outline.is_closed and not all(0 <= place <= 1 for place in (self.begin, self.end)):
             raise ParameterError('slide: end', 'an open outline is slid along from 0 to 1')
 
 
@@ -277,25 +203,7 @@ CROSSING = 2e-3
 """Lever arm of the force within which a joint crosses its backlash, m."""
 
 
-class SlideState(NamedTuple):
-    """The state at k times.
-
-    Attributes:
-        joints: actuator angles Q, (k, 2), rad.
-        force: force of the tip on the object, base frame, (k, 2), N.
-        tip: centre of the tip, (k, 2), m; between two slides, where the third axis is lifted, NaN.
-        slide: number of the slide, (k,).
-        phase: which `SlidePhase`, (k,).
-    """
-
-    joints: Floats
-    force: Floats
-    tip: Floats
-    slide: Indices
-    phase: Indices
-
-
-class SlidingMotion:
+class SlidingMotion(Motion):
     """The motion through several slides.
 
     Args:
@@ -306,7 +214,7 @@ class SlidingMotion:
         seed: of the variation of the normal force.
 
     Attributes:
-        duration: of the whole motion, s.
+        knots: start of every phase, (m, 10), s.
         tip_radius: m; 0 where the cell does not state it.
 
     Raises:
@@ -319,79 +227,64 @@ class SlidingMotion:
     ) -> None:
         if not slides:
             raise UnsupportedDataError('there is no slide', 'plan at least one')
-        self.cell, self.model, self.slides = cell, as_model(truth), slides
-        self.timing, self.tip_radius = timing or SlideTiming(), cell.tip_radius or 0.0
-        self._tracks = [Track.along(slide.outline, self.tip_radius) for slide in slides]
+        self.cell, self.model, self.slides, self.count = cell, as_model(truth), slides, len(slides)
+        t = self.timing = timing or SlideTiming()
+        self.tip_radius = cell.tip_radius or 0.0
+        self._tracks = [Track(slide.outline, self.tip_radius) for slide in slides]
         random = np.random.default_rng([seed, 2])
-        self._variation = [SlowNoise(random, 1, self.timing.variation_time) for _ in slides]
-        self._knots = self._schedule()
-        self.duration = float(self._knots[-1, -1])
+        self._variation = [SlowNoise(random, 1, t.variation_time) for _ in slides]
         self._paths = [self._path(number) for number in range(len(slides))]
-        # joint angles where each slide's travel ends and the next one's begins, (m, 2, 2), rad
-        ends = np.array([self._states(k, knots[[SlidePhase.PAUSE, -1]])[0] for k, knots in enumerate(self._knots[:-1])])
-        home = ends[[0, -1], [0, 1]] + (0.25, -0.15)
-        self._stations = np.concatenate([home[:1], ends.reshape(-1, 2), home[1:]])
-
-    def _schedule(self) -> Floats:
-        """Begins of the phases of each slide, and the end of the last phase, (m, 11), s; a last row: the way home."""
-        t, rows, begin = self.timing, [], 0.0
-        for slide, track in zip(self.slides, self._tracks, strict=True):
+        ends, durations = [], []
+        for number, (slide, track) in enumerate(zip(slides, self._tracks, strict=True)):
+            travelled = np.array([slide.begin, slide.end]) * track.length
+            center, normal = track.at(travelled)
+            ends.append(self._joints(number, travelled, center + t.clearance * normal, -FIRST_FORCE * normal))
             sliding = abs(slide.end - slide.begin) * track.length / slide.speed + t.start
-            spans = (t.travel, t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause)
-            rows.append(begin + np.append(0.0, np.cumsum(spans)))
-            begin = float(rows[-1][-1])
-        rows.append(np.full(len(SlidePhase) + 1, begin + t.travel))
-        rows[-1][0] = begin
-        return np.array(rows)
+            durations.append((t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause))
+        self._course = Course(np.array(ends), np.array(durations), t.travel)
+        self.knots, self.duration = self._course.knots, self._course.duration
 
-    def state_at(self, time: Floats) -> SlideState:
+    def state_at(self, time: ArrayLike) -> CellState:
         """The state at times in s since the start, (k,); before it and past the end the arm rests."""
-        time = np.clip(np.asarray(time, dtype=float), 0.0, self.duration)
-        slide = np.clip(np.searchsorted(self._knots[:, 0], time, side='right') - 1, 0, len(self.slides))
-        phase = (self._knots[slide, 1:-1] <= time[:, None]).sum(axis=1)
-        phase[slide == len(self.slides)] = SlidePhase.TRAVEL
-        joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
-        tip = np.full((len(time), 2), np.nan)
-        travelling = phase == SlidePhase.TRAVEL
-        to = slide[travelling]
-        begin, end = self._stations[2 * to], self._stations[2 * to + 1]
-        part = minimum_jerk((time[travelling] - self._knots[to, 0]) / self.timing.travel)
-        joints[travelling] = begin + part[:, None] * (end - begin)
-        for number in range(len(self.slides)):
-            here = np.flatnonzero((slide == number) & ~travelling)
-            joints[here], tip[here], force[here] = self._states(number, time[here])
-        return SlideState(joints, force, tip, slide.clip(max=len(self.slides) - 1), phase)
+        at, time = self._course.at(time), np.asarray(time, dtype=float)
+        joints, force, slide = at.joints, np.zeros((len(time), 2)), at.contact.clip(max=self.count - 1)
+        for number in range(self.count):
+            here = np.flatnonzero((slide == number) & (at.phase != SlidePhase.TRAVEL))
+            joints[here], force[here] = self._contact_at(number, at.select(here), time[here])
+        relative_force = np.minimum(np.hypot(*force.T) / np.array([each.force for each in self.slides])[slide], 1.0)
+        return CellState(joints, force, slide, at.phase, at.progress, relative_force)
 
-    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """Joint angles, rad, tip, m, and force, N, at times within a slide, (k, 2) each.
+    def errors_at(self, time: Floats, state: CellState, seed: int) -> Floats:
+        """Errors of joint angles and force at k moments, in standard deviations, (2, k, 2): they change slowly."""
+        return slow_errors(time, self.timing.variation_time, seed)
+
+    def _contact_at(self, number: int, at: Moments, time: Floats) -> tuple[Floats, Floats]:
+        """Joint angles, rad, and force, N, at moments and times within a slide, (k, 2) each.
 
         The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
         F = N (-n + μ τ t); 0+ along -n in the free motion.
         """
         slide, track, t = self.slides[number], self._tracks[number], self.timing
-        knots = self._knots[number]
-
-        def part(phase: int) -> Floats:
-            """How much of a phase has passed, 0 to 1, by the time law."""
-            span = knots[phase + 1] - knots[phase]
-            return minimum_jerk(np.clip((time - knots[phase]) / span, 0.0, 1.0))
-
+        begin, end = self.knots[number, [SlidePhase.SLIDE, SlidePhase.STOP]]
         sense = np.sign(slide.end - slide.begin)
-        begin, end = knots[[SlidePhase.SLIDE, SlidePhase.STOP]]
         distance = _distance(np.clip(time - begin, 0.0, None), end - begin, slide.speed, t.start)
         travelled = slide.begin * track.length + sense * distance
-        point, normal = slide.outline.at(track.place(travelled))
-        steady = part(SlidePhase.STICK) - part(SlidePhase.STOP)
+        center, normal = track.at(travelled)
+        steady = at.part(SlidePhase.STICK) - at.part(SlidePhase.STOP)
         variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
-        clearance = t.clearance * (1.0 - part(SlidePhase.APPROACH) + part(SlidePhase.RETRACT))
-        normal_force = slide.force * (part(SlidePhase.PRESS) - part(SlidePhase.RELEASE)) * (1.0 + steady * variation)
+        clearance = t.clearance * (1.0 - at.part(SlidePhase.APPROACH) + at.part(SlidePhase.RETRACT))
+        pressed = at.part(SlidePhase.PRESS) - at.part(SlidePhase.RELEASE)
+        normal_force = slide.force * pressed * (1.0 + steady * variation)
         friction = (slide.friction * steady)[:, None] * (sense * quarter_turn(normal))
         force = np.maximum(normal_force, FIRST_FORCE)[:, None] * (friction - normal)
-        tip = point + (self.tip_radius + clearance)[:, None] * normal
+        joints = self._joints(number, travelled, center + clearance[:, None] * normal, force)
+        return joints, np.where(normal_force[:, None] > 0, force, 0.0)
+
+    def _joints(self, number: int, travelled: Floats, tip: Floats, force: Floats) -> Floats:
+        """Joint angles of a slide for places of the tip and forces, (k, 2), rad, near the path of the slide."""
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
-        joints = near + wrap(self._poses(number, tip, force) - near)
-        return joints, tip, np.where(normal_force[:, None] > 0, force, 0.0)
+        return np.asarray(near + wrap(self._poses(number, tip, force) - near))
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture
@@ -403,12 +296,12 @@ class SlidingMotion:
         """Lengths travelled, increasing, and the joint angles there, without a jump of a turn."""
         slide, track = self.slides[number], self._tracks[number]
         travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), 721) * track.length
-        point, normal = slide.outline.at(track.place(travelled))
-        distances = (self.tip_radius, self.tip_radius + self.timing.clearance)
-        poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
+        center, normal = track.at(travelled)
+        tips = center, center + self.timing.clearance * normal
+        poses = [self._poses(number, tip, -slide.force * normal) for tip in tips]
         lost = ~self.cell.can_take(np.array(poses)).all(axis=0)
         if lost.any():
-            x, y = point[lost][0]
+            x, y = center[lost][0]
             problem = f'slide {number}: the simulated robot does not reach it around ({x:.3f}, {y:.3f}) m'
             remedy = 'place the object elsewhere, slide along a part of it, or correct robot.limits'
             raise UnsupportedDataError(problem, remedy)
@@ -449,47 +342,6 @@ class SlowNoise:
         return np.asarray((self._size * waves).sum(axis=1))
 
 
-def simulate_slides(
-    cell: Cell,
-    truth: Robot,
-    slides: Sequence[Slide],
-    *,
-    timing: SlideTiming | None = None,
-    sensors: SensorModel | None = None,
-    seed: int = 0,
-    start: int = START,
-) -> Streams:
-    """Both streams of one pass through several slides.
-
-    Args:
-        cell: sensor, noise of a touch, radius of the tip.
-        truth: the simulated robot: its parameters, or the model with its effects.
-        slides: one after the other.
-        timing: how long their parts last.
-        sensors: noise, bias and rates.
-        seed: of all random numbers.
-        start: stamp of the start, ns.
-
-    Raises:
-        UnsupportedDataError: there is no slide, or the simulated robot does not reach one.
-        ParameterError: an outline is too narrow for the tip.
-    """
-    motion = SlidingMotion(cell, truth, tuple(slides), timing, seed)
-    return sensed(motion, cell, sensors or SensorModel(), seed, start)
-
-
-def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
-    """What the sensors report of a motion; the other arguments are those of `simulate_slides`."""
-    errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
-
-    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        """The state at times, each instant as the hold of a touch of its own, the force over that of the slide."""
-        state, unit = motion.state_at(time), errors.at(time)
-        angle = sensor_angle(cell, motion.model.parameters, state.joints)
-        both_errors = sensors.touch_errors(cell, np.stack([unit[:, :2], unit[:, 2:]]), state.force, angle)
-        planned = np.array([slide.force for slide in motion.slides])[state.slide]
-        relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
-        touch, hold = np.arange(len(planned)), np.full(len(planned), Phase.HOLD)
-        return CellState(state.joints, state.force, touch, hold, np.ones(len(touch)), relative_force), *both_errors
-
-    return recorded('simulation', cell, motion.model, sensors, motion.duration, at, seed, start)
+def slow_errors(time: Floats, duration: float, seed: int) -> Floats:
+    """Errors of joint angles and force at times, s, in standard deviations, (2, k, 2), correlated over a duration."""
+    return SlowNoise(np.random.default_rng([seed, 0]), 4, duration).at(time).reshape(-1, 2, 2).transpose(1, 0, 2)

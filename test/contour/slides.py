@@ -15,8 +15,8 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Slide, circle, ellipse, polygon, simulate_slides
-from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.slides import Slide, SlideTiming, SlidingMotion, circle, ellipse, polygon
+from scara_kinetostatic.simulation.streams import SensorModel, recorded, simulate_touches
 from scara_kinetostatic.touches.streams import Streams
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)
@@ -41,11 +41,14 @@ def slides(
     friction: float = 0.1,
     speed: float = 0.05,
     cell: Cell = CELL,
-    **more: Any,
+    timing: SlideTiming | None = None,
+    sensors: SensorModel | None = None,
+    seed: int = 0,
 ) -> Streams:
     """A recording of slides along parts of an object, in its lengths."""
-    planned = [Slide(outline, force, friction, speed, begin=begin, end=end) for begin, end in parts]
-    return simulate_slides(cell, PAPER_ACTUAL, planned, **more)
+    planned = tuple(Slide(outline, force, friction, speed, begin=begin, end=end) for begin, end in parts)
+    motion = SlidingMotion(cell, PAPER_ACTUAL, planned, timing, seed)
+    return recorded('simulation', cell, PAPER_ACTUAL, motion, sensors or SensorModel(), seed)
 
 
 def traced(*parts: tuple[float, float], **more: Any) -> Contour:

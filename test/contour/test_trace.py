@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, inverse, posture
+from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.slides import Arc, Outline, Slide, circle, polygon, simulate_slides
-from scara_kinetostatic.simulation.streams import SensorModel
+from scara_kinetostatic.simulation.slides import Slide, circle, polygon
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 
 DISC_CENTER = np.array([0.2, 0.3])
 NOISY = SensorModel(force_noise=1.0)
@@ -80,9 +82,22 @@ def test_the_uncertainty_covers_joint_states_far_apart():
     assert any('mm apart: what lies between is not seen' in warning for warning in contour.warnings)
 
 
+class Hole(NamedTuple):
+    """The inside of a round hole around the middle of the disc."""
+
+    radius: float
+    is_closed: bool = True
+
+    def surfaces(self, tip_radius: float) -> Surfaces:
+        """Where the tip is in contact."""
+        center, normal = np.array([[0.2, 0.3]]), np.array([[1.0, 0.0]])
+        radii = np.array([tip_radius - self.radius])
+        return Surfaces(np.zeros(1, dtype=int), center, radii, np.zeros((1, 2)), normal, np.array([np.pi]))
+
+
 @pytest.mark.parametrize(('radius', 'speed'), [(0.04, 0.05), (0.0075, 0.01)])
 def test_inside_of_a_hole(radius, speed):
-    hole = Outline((Arc((0.2, 0.3), (-radius, -radius), np.pi, 0.0, -2 * np.pi),), closed=True)
+    hole = Hole(radius)
     contour = traced((0, 1.05), outline=hole, speed=speed)
     assert rms(normal_error(hole, contour.surface)) < 1e-5
     assert np.median(contour.std_normal) < 1e-5
@@ -126,8 +141,10 @@ def test_passes_are_joined_and_gaps_left_open():
     assert whole.lost > 1
     two = traced((0.0, 0.4), (0.5, 0.7), outline=SQUARE)
     assert [outline.closed for outline in two.outlines] == [False, False]
-    objects = [Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))]
-    apart = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, objects), arm())
+    objects = tuple(
+        Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
+    )
+    apart = trace_contour(simulate_streams(CELL, PAPER_ACTUAL, objects), arm())
     assert [outline.closed for outline in apart.outlines] == [True, True]
     assert apart.outlines[0].length == pytest.approx(2 * np.pi * 0.04, rel=1e-3)
 

@@ -10,10 +10,10 @@ import pytest
 
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from scara_kinetostatic.simulation.motion import Timing
 from scara_kinetostatic.simulation.mujoco.engine import scene_named
 from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, preload_plan
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.streams import Timing
 
 CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 BRISK = Timing(travel=0.3, pause=0.02, approach=0.2, hold=0.3, release=0.1, retract=0.1, speed=6.0)

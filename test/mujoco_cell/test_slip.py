@@ -13,10 +13,10 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.motion import minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import TouchController, truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.streams import minimum_jerk
 
 COMPLIANCE, TORQUE = 2e-5, 2.0
 RAMP, REST = 0.3, 0.3

@@ -27,7 +27,8 @@ from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.slides import Slide, circle, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, circle
+from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 DISC = circle((0.2, 0.3), 0.03)
@@ -38,7 +39,7 @@ SPEED = 10.0
 @pytest.fixture(scope='module')
 def slide(arm: CalibratedArm) -> Streams:
     """Once round a disc."""
-    return simulate_slides(arm.cell, sk.PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.04, end=1.05)], start=0)
+    return simulate_streams(arm.cell, sk.PAPER_ACTUAL, (Slide(DISC, 15, 0.1, 0.04, end=1.05),), start=0)
 
 
 class Bench(AnyBench):

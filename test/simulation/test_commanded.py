@@ -15,8 +15,9 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.commanded import Fault, ModelBody, Plant, PlantSettings, Reading, free_pose
+from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, in_sensor_frame
+from scara_kinetostatic.simulation.streams import SensorModel, in_sensor_frame
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
 LIMITS = ((-2.6, 2.6), (-2.6, 2.6))

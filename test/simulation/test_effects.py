@@ -17,8 +17,9 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.simulation.motion import Phase, Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import Phase, SensorModel, Trajectory, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))

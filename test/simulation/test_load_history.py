@@ -11,8 +11,9 @@ from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import play_operator, torques_of
+from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
 
 PLAN = default_plan(CELL, 4, preload=0.4)

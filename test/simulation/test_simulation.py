@@ -12,16 +12,9 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.simulation.motion import Phase, Timing, Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import (
-    START,
-    Phase,
-    SensorModel,
-    Timing,
-    Trajectory,
-    simulate_streams,
-    simulate_touches,
-)
+from scara_kinetostatic.simulation.streams import START, SensorModel, simulate_streams, simulate_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 PLAN = default_plan(CELL)

@@ -8,8 +8,9 @@ from touches.scenes import CELL, Scene
 
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
+from scara_kinetostatic.simulation.motion import Timing, Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, Timing, Trajectory, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL, last_movement, resolution
 from scara_kinetostatic.touches.signals import as_signals

@@ -10,8 +10,9 @@ from touches.scenes import CELL, START, TOOL_REACTION, Scene
 
 from scara_kinetostatic.model.cell import SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
+from scara_kinetostatic.simulation.motion import Timing
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, Timing, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.streams import JointStream, WrenchStream
 

@@ -13,8 +13,9 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet, torques_of
+from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import LoadMemory, nested_extremes

@@ -17,10 +17,9 @@ from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.outline import Outline as KnownOutline
+from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.slides import Arc, Outline, polygon
 
 if TYPE_CHECKING:
     import mujoco
@@ -153,7 +152,6 @@ class Settings:
 
     Attributes:
         disc_height: half the height of a disc, m.
-        object_height: third semi-axis of an ellipsoid, m.
         slab: thickness of the slab behind an edge, m.
         largest_tip: radius of the ball at the tip, m, unless a disc is small.
         pad_full: impedance of a coat on a disc from the depth on for which its stiffness is stated.
@@ -171,7 +169,6 @@ class Settings:
     """
 
     disc_height: float = 8e-3
-    object_height: float = 0.2
     slab: float = 5e-3
     largest_tip: float = 5e-3
     pad_full: float = 0.7
@@ -183,13 +180,12 @@ class Settings:
     friction_hardness: float = 1e3
 
 
-def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
+def build(scene: Scene, cell: Cell) -> str:
     """The scene as MJCF, from the template `scene.xml.j2`.
 
     Args:
         scene: the robot.
         cell: the discs.
-        outline: of one object that stands there instead of the discs.
     """
     a, b = scene.tilt
     # the discs are smaller by the ball at the tip than the radii in the cell
@@ -221,8 +217,6 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         ],
         padded=scene.padded_discs(cell),
         sliding=Markup(f'friction="{scene.contact_friction} 0.0 0.0" condim="{condim}" priority="1"'),
-        outline=outline,
-        pieces={} if outline is None else _geoms(outline),
     )
 
 
@@ -230,44 +224,29 @@ def _row(values: Iterable[float]) -> str:
     return ' '.join(str(float(value)) for value in values)
 
 
-def _pieces(outline: KnownOutline, padded: bool) -> dict[int, Markup]:
-    """The geoms of an object of the cell, in the base frame.
+def _pieces(outline: Outline, padded: bool) -> dict[int, Markup]:
+    """The geoms of an object of the cell: a slab behind each edge, a cylinder in each rounded corner.
 
     Raises:
         ParameterError: it has an inner corner, or is to have a coat: the engine has no such body.
     """
-    pieces = polygon(outline.corners, outline.corner_radius, outline.is_closed)
-    if padded or any(isinstance(piece, Arc) and piece.semi_axes[0] < 0 for piece in pieces.pieces):
+    s = surfaces_of([outline], 0.0)
+    if padded or (s.radii < 0).any():
         problem = f'{outline.name} has a coat or an inner corner'
         raise ParameterError('mujoco', problem, 'give convex outlines without one')
-    return _geoms(pieces)
-
-
-def _geoms(outline: Outline) -> dict[int, Markup]:
-    """A slab behind each edge, a cylinder in each rounded corner, an ellipsoid; by the number of the piece.
-
-    Where the tip touches it, an ellipsoid with a high third axis is as good as a cylinder. The contact is scaled in
-    `Engine`.
-    """
-    found: dict[int, tuple[str, tuple[float, ...], Floats | tuple[float, float], float]] = {}
-    for number, piece in enumerate(outline.pieces):
-        if isinstance(piece, Arc):
-            a, b = piece.semi_axes
-            if a == b > 0:
-                found[number] = 'cylinder', (a, Settings.disc_height), piece.center, 0.0
-            elif a > 0:
-                found[number] = 'ellipsoid', (a, b, Settings.object_height), piece.center, piece.rotation
+    found = dict[int, Markup]()
+    for number, (center, radius, normal, half) in enumerate(zip(s.centers, s.radii, s.normals, s.halves, strict=True)):
+        if s.is_edge[number]:
+            size, place = (
+                (half, Settings.slab / 2, Settings.disc_height),
+                center + (radius - Settings.slab / 2) * normal,
+            )
+            shape, turn = f'type="box" size="{_row(size)}"', np.arctan2(*s.tangents[number, ::-1])
         else:
-            begin, end = np.array(piece.begin), np.array(piece.end)
-            length = np.hypot(*(end - begin))
-            along = (end - begin) / length
-            middle = (begin + end) / 2 + Settings.slab / 2 * np.array([-along[1], along[0]])
-            size = length / 2, Settings.slab / 2, Settings.disc_height
-            found[number] = 'box', size, middle, np.arctan2(along[1], along[0])
-    return {
-        number: Markup(f'type="{kind}" size="{_row(size)}" pos="{_row(place)} 0.0" euler="0.0 0.0 {turn}"')
-        for number, (kind, size, place, turn) in found.items()
-    }
+            shape, place, turn = f'type="cylinder" size="{_row((radius, Settings.disc_height))}"', center, 0.0
+        if radius > 0:  # a corner that is not sharp
+            found[number] = Markup(f'{shape} pos="{_row(place)} 0.0" euler="0.0 0.0 {turn}"')
+    return found
 
 
 STEPS = 4
@@ -301,7 +280,7 @@ class Engine:
         scene: the robot.
         cell: the discs.
         joints: motor angles at the start, (2,), rad.
-        outline: of one object that stands there instead of the discs.
+        sliding: whether the tip slides along the objects.
         lift: of the third axis at the start, m.
         smooth: whether the targets move step by step, not at once; in a quasi-static scene they do.
 
@@ -314,17 +293,17 @@ class Engine:
         scene: Scene,
         cell: Cell,
         joints: Floats,
-        outline: Outline | None = None,
         *,
+        sliding: bool = False,
         lift: float = LIFT,
         smooth: bool = False,
     ) -> None:
         self._mujoco = load_engine()
-        self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell, outline))
+        self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
-        self._smooth = smooth or scene.quasi_static or outline is not None
+        self._smooth = smooth or scene.quasi_static or sliding
         self._ball = self.model.geom('ball').id
-        self._soften_contacts(scene, cell, outline)
+        self._soften_contacts(scene, cell, sliding)
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         parts = ('motor', 'slip', 'spring', 'backlash')
@@ -340,8 +319,8 @@ class Engine:
         self.data.ctrl[:] = self._target
         self._mujoco.mj_forward(self.model, self.data)
 
-    def _soften_contacts(self, scene: Scene, cell: Cell, outline: Outline | None) -> None:
-        """The contacts with discs that have a coat, from its depth on, and with the object along which the tip slides.
+    def _soften_contacts(self, scene: Scene, cell: Cell, sliding: bool) -> None:
+        """The contacts with discs that have a coat, from its depth on, and with objects along which the tip slides.
 
         MuJoCo's contact at rest holds f R = k r, with R = A (1 - d)/d, k = -solref d/d_max², d the impedance at
         the depth r and A the inverse mass that the engine ascribes to the contact. When it slides, the damping b of
@@ -353,14 +332,15 @@ class Engine:
         with less of it a tip that friction holds creeps.
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
-        if outline is not None:
+        objects = self.model.geom_contype > 0
+        if sliding:
             stiffness = Settings.sliding_stiffness * inverse_mass * (1.0 - Settings.sliding_impedance)
-            object_geoms = self.model.geom_bodyid == self.model.body('object').id
-            self.model.geom_solref[object_geoms] = (-stiffness, -Settings.sliding_time * stiffness)
+            self.model.geom_solref[objects] = (-stiffness, -Settings.sliding_time * stiffness)
+            self.model.geom_solimp[objects, :2] = Settings.sliding_impedance
             return
         if self._smooth and scene.contact_friction and not scene.padded:  # R / A = (1 - d)/d, k = 1/(2 timesteps)²
             softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Settings.sliding_stiffness * inverse_mass)
-            self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
+            self.model.geom_solimp[objects, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
             damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * Settings.pad_full
             stiffness = scene.pad[0] * inverse_mass * (1.0 - Settings.pad_full)

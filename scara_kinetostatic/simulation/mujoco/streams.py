@@ -8,21 +8,27 @@ joints reach the force from the other side.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import inverse, rotate, wrap
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.simulation.motion import CellState, Motion, Phase, Timing, minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine, Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.streams import START, CellState, Phase, SensorModel, Timing, minimum_jerk, recorded
+from scara_kinetostatic.simulation.streams import SensorModel, recorded
 from scara_kinetostatic.touches.streams import Streams
+
+Tick: TypeAlias = tuple[Floats, Floats, Floats, float, int, int, float]
+"""The values of a `SimulatedMotion` at one tick."""
 
 
 class Settings:
@@ -85,7 +91,7 @@ SLOW = Pace(
 """So that the approach has the speed of its last millimetres throughout."""
 
 
-class SimulatedMotion(NamedTuple):
+class SimulatedMotion(Motion):
     """The motion, tick by tick.
 
     Attributes:
@@ -96,29 +102,28 @@ class SimulatedMotion(NamedTuple):
         touch: number of the touch in the plan, (k,).
         phase: which `Phase`, (k,).
         progress: completed part of a travel, 0 to 1, (k,).
+        time: (k,), s.
+        holds: the last tick of each hold, (m,).
     """
 
-    joints: Floats
-    force: Floats
-    links: Floats
-    link2_angle: Floats
-    touch: Indices
-    phase: Indices
-    progress: Floats
-
-    @property
-    def time(self) -> Floats:
-        """Of each tick, (k,), s."""
-        return np.asarray(TICK * np.arange(1, len(self.joints) + 1), dtype=float)
+    def __init__(self, ticks: Sequence[Tick]) -> None:
+        columns = (np.array(column) for column in zip(*ticks, strict=True))
+        self.joints, self.force, self.links, self.link2_angle, self.touch, self.phase, self.progress = columns
+        self.time, self.holds = np.asarray(TICK * np.arange(1, len(ticks) + 1), dtype=float), self.last(Phase.HOLD)
+        self.duration, self.count = float(self.time[-1]), len(self.holds)
 
     def last(self, phase: Phase) -> Indices:
         """The last tick of a phase of each touch, (m,)."""
         return np.flatnonzero((self.phase[:-1] == phase) & (self.phase[1:] != phase))
 
-    @property
-    def holds(self) -> Indices:
-        """The last tick of each hold, (m,)."""
-        return self.last(Phase.HOLD)
+    def state_at(self, time: ArrayLike) -> CellState:
+        """The state between two ticks, linear."""
+        time, size = np.asarray(time, dtype=float), np.linalg.norm(self.force, axis=1)
+        relative_force = size / np.maximum(size[self.holds], 1e-9)[self.touch]
+        values = np.column_stack([self.joints, self.force, self.progress, relative_force])
+        now = np.column_stack([np.interp(time, self.time, column) for column in values.T])
+        tick = np.clip(np.searchsorted(self.time, time), 0, len(self.time) - 1)
+        return CellState(now[:, :2], now[:, 2:4], self.touch[tick], self.phase[tick], *now[:, 4:].T)
 
 
 class TouchController:
@@ -147,7 +152,7 @@ class TouchController:
         self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
         self._touch, self._phase = 0, Phase.TRAVEL
         self._force, self._first, self._compliance = 0.0, (0.0, 0.0), Settings.compliance_limits[0]
-        self._ticks: list[tuple[Floats, Floats, Floats, float, int, int, float]] = []
+        self._ticks: list[Tick] = []
 
     def run(self) -> SimulatedMotion:
         """Makes all touches.
@@ -165,7 +170,7 @@ class TouchController:
             self._rest(Phase.HOLD, self.timing.hold)
             self._retract()
         self._travel(self._home[1])
-        return SimulatedMotion(*(np.array(column) for column in zip(*self._ticks, strict=True)))
+        return SimulatedMotion(self._ticks)
 
     def _motor_paths(self, cell: Cell) -> Floats:
         """Motor angles for the depths of each touch by the nominal arm, (m, Settings.depths, 2), rad."""
@@ -290,19 +295,9 @@ def simulate_streams(
 
 def as_streams(motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
-    times, sensed, size = motion.time, as_sensed(motion, cell), np.linalg.norm(motion.force, axis=1)
-    relative_force = size / np.maximum(size[motion.holds], 1e-9)[motion.touch]
-    values = np.column_stack([motion.joints, sensed, motion.progress, relative_force])
-    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(motion.holds), 2))
-    errors = sensors.touch_errors(cell, unit, sensed[motion.holds])
-    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `at` has turned the force
-
-    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        tick = np.clip(np.searchsorted(times, time), 0, len(times) - 1)
-        now = np.column_stack([np.interp(time, times, column) for column in values.T])
-        return CellState(now[:, :2], now[:, 2:4], motion.touch[tick], motion.phase[tick], *now[:, 4:].T), *errors
-
-    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, float(times[-1]), at, seed, START)
+    turned, seen = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE)), copy(motion)
+    seen.force = as_sensed(motion, cell)
+    return recorded(f'physics: {scene.name}', turned, scene.parameters, seen, sensors, seed)
 
 
 def as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
