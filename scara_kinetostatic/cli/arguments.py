@@ -138,9 +138,9 @@ def add_max_bytes(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ('--max-bytes', 'N', convert, meaning))
 
 
-def add_seed(parser: argparse._ActionsContainer, of: str = 'the noise') -> None:
+def add_seed(parser: argparse._ActionsContainer) -> None:
     """Adds ``--seed``."""
-    add_options(parser, ('--seed', 'N', whole(0), f'seed of {of} (default: 0)', {'default': 0}))
+    add_options(parser, ('--seed', 'N', whole(0), 'seed of the noise (default: 0)', {'default': 0}))
 
 
 def add_results(

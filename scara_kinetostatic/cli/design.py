@@ -21,7 +21,6 @@ from scara_kinetostatic.cli.arguments import (
     add_cell,
     add_options,
     add_results,
-    add_seed,
     cell_or_paper,
     print_report,
     progress,
@@ -55,7 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--per-disc', 'N', whole(3), 'points around a disc (default: 36)', {'default': 36}),
         ('--touches', 'N', whole(12), 'number in comparisons (default: 36)', {'default': 36}),
     )
-    add_seed(group, 'the searches')
 
 
 def run(args: argparse.Namespace) -> None:
@@ -84,7 +82,6 @@ def run(args: argparse.Namespace) -> None:
         load=args.load or max(args.levels),
         under_load=args.under_load,
         number=args.touches,
-        seed=args.seed,
     )
     with progress(lines=True) as show_progress:
         design = optimal_design(Robot(cell, expected, noise, assumed), requirements, show_progress)

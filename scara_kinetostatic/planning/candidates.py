@@ -1,4 +1,4 @@
-r"""The candidate touches of a design, and the smallest set of them that reaches an accuracy and checks itself.
+r"""The candidate touches, how some of them are chosen, and what holds of a set of them.
 
 A candidate is a point on a disc, a posture and a force level. Points out of reach are left out, and touches whose line
 of force passes close to a joint's axis: there the torque is so small that noise, or a geometry some millimetres off the
@@ -6,19 +6,33 @@ nominal one, decides on which flank of the backlash the joint rests, and the pre
 made. Under gravity, where that depends on the force, too, the calibration leaves touches out whose torques have no sure
 sign.
 
-For the search alone every parameter has a prior: its plausible range (`Robot.scales`) as standard deviation. It keeps
+For the choice alone every parameter has a prior: its plausible range (`Robot.scales`) as standard deviation. It keeps
 all matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
 numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior of
 another kind: it holds in the calibration, and in every number.
 
+**Choice.** One criterion: tr(L C), with C the covariance with the touches chosen, and L = Σ λ_g T_gᵀT_g the tip's
+derivatives T_g at all places with weights λ: a weighted mean of its variances. A touch with the whitened Jacobian J
+changes C by -C Jᵀ (1 + J C Jᵀ)⁻¹ J C and so lowers the criterion by tr((1 + J C Jᵀ)⁻¹ J C L C Jᵀ): its gain, for all
+candidates by a few matrix products. The touch of the largest gain is added, one after the other; then each is exchanged
+(Fedorov) until that gains nothing. The next touches have those made in the information that they start from; a whole
+plan starts from nothing.
+
+**Weights.** The next touches have the mean over the region (`next_touches`). A plan is for the largest variance, which
+is no linear criterion. But for the approximate design (below) it is the mean with the least favourable weights, those
+that make the bound tight. A set of few touches is better all over the workspace, and checks itself sooner, with the
+mean of these weights and of equal ones. Where values count beside the tip, as parameters of which it is independent or
+effects that are suspected, L has their places on its diagonal, too (`CandidateTouches.counting`).
+
 What a set of touches has to have so that it checks itself: small leverages, and touches on every disc.
 
-**Leverage.** The block of a touch on the diagonal of the hat matrix is H = J C Jᵀ, (2, 2), with J its whitened Jacobian
-and C the covariance with all touches. With λ its larger eigenvalue, the residual shows at least the part 1 - λ of an
-error of the touch. Without the touch the covariance is C + C Jᵀ (I - H)⁻¹ J C, so that the standard deviation of any
-combination of parameters becomes at most 1/√(1 - λ) times as large. In a set without a leverage above `MOST_LEVERAGE`
-no single touch is so important that its loss makes a standard deviation more than 2.24 times as large: one bound on the
-leverages stands for both.
+**Leverage.** The block of a touch on the diagonal of the hat matrix is H = J C Jᵀ, (2, 2), with C the covariance with
+all touches. With λ its larger eigenvalue, the residual shows at least the part 1 - λ of an error of the touch. Without
+the touch the covariance is C + C Jᵀ (I - H)⁻¹ J C, so that the standard deviation of any combination of parameters
+becomes at most 1/√(1 - λ) times as large. In a set without a leverage above `MOST_LEVERAGE` no single touch is so
+important that its loss makes a standard deviation more than 2.24 times as large: one bound on the leverages stands for
+both. The trace of H is the criterion with L = JᵀJ: where a leverage is too large, the touch is added that lowers this
+most.
 
 **Discs.** A disc that was moved or measured wrongly shows in its own touches. Two find its new place, a third one
 checks that.
@@ -35,9 +49,8 @@ that of the fit, or the noise of the force where that is larger. Averaged over r
 **Lower bound**, from the theory of optimal approximate designs. Such a design distributes the touches over the
 candidates by weights ξ, fractions and repetitions allowed: the information of N touches is N Σ ξ_i I_i + P, with P the
 prior of the errors that the cell declares; P = 0 where it declares none. No real set of N touches is better than the
-best approximate design. Its largest variance of the tip is bounded from below: for any weights λ of the places,
-L = Σ λ_g T_gᵀT_g, and any symmetric C, the Cauchy–Schwarz inequality gives for every design ξ', with covariance
-C' = (N Σ ξ'_i I_i + P)⁻¹,
+best approximate design. Its largest variance of the tip is bounded from below: for any weights λ of the places and any
+symmetric C, the Cauchy–Schwarz inequality gives for every design ξ', with covariance C' = (N Σ ξ'_i I_i + P)⁻¹,
 
     tr(L C') ≥ tr(L C)² / tr(C L C C'⁻¹) ≥ tr(L C)² / (N max_i tr(C L C I_i) + tr(C L C P)),
 
@@ -47,19 +60,9 @@ found by multiplicative iterations; every iteration leaves a bound, and the best
 do not depend on N; else they are made for the number of touches that the accuracy takes, as far as it can be reached,
 and the bound is less tight, but still valid, for other numbers.
 
-**Exchange** (Fedorov): a set drawn at random by ξ is improved by replacing one touch at a time. The criterion is the
-largest variance of the tip over the workspace. Adding a touch changes the covariance C = I⁻¹ by
--C Jᵀ (1 + J C Jᵀ)⁻¹ J C, so that all candidates for one position in the set are evaluated by a few matrix products. The
-largest variance is not smooth, and exchange stops early at its edges; a mean of high power of the variances is smooth
-and is minimised first. For a set that checks itself (`candidates`) the criterion is then the largest variance after the
-loss of any one touch, times a penalty for the largest leverage; an exchange is sought for the worst few losses and
-accepted if it lowers the criterion over all of them; every disc keeps its touches.
-
-Numbers of touches are tried from the lower bound upwards. The first number at which a set reaches the accuracy is
-taken; its distance from the lower bound limits what a better search could save.
-
 Sources: Kiefer, Annals of Statistics 2 (1974) 849; Silvey, Titterington and Torsney, Communications in
-Statistics A 7 (1978) 1379, for the iteration; Fedorov, Theory of Optimal Experiments (1972), chapter 3.
+Statistics A 7 (1978) 1379, for the iteration; Fedorov, Theory of Optimal Experiments (1972), chapter 3; Atkinson, Donev
+and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-optimality) and 21 (compound criteria).
 """
 
 from __future__ import annotations
@@ -82,6 +85,8 @@ LEAST_ARM = 0.02
 """Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""
 PER_DISC = 36
 """Points around a disc."""
+PRELOAD = 0.3
+"""Part of the force by which preloaded touches go beyond it."""
 
 
 class CandidateTouches(NamedTuple):
@@ -94,7 +99,7 @@ class CandidateTouches(NamedTuple):
         rows: indices of the parameters on which the tip depends, (k,).
         quadric: TᵀT over these at each place, flat, (k², g).
         declared: rows of the prior of what the cell declares as uncertain, (p, 12 + m).
-        prior: information of that prior and of the search's, (12 + m, 12 + m).
+        prior: information of that prior and of the choice's, (12 + m, 12 + m).
         values: how many of them are no declared errors.
     """
 
@@ -114,29 +119,40 @@ class CandidateTouches(NamedTuple):
 
     def evenly_distributed(self, number: float) -> float:
         """Largest standard deviation of the tip for a number of touches evenly distributed over all candidates, m."""
-        covariance: Floats = np.asarray(np.linalg.inv(number * self.information.mean(axis=0) + self.prior), dtype=float)
+        covariance = _inverse(number * self.information.mean(axis=0) + self.prior)
         return float(np.sqrt(self.variance(covariance).max()))
 
     def information_of(self, chosen: Sequence[int]) -> Floats:
         """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
         return self.prior + self.information[list(chosen)].sum(axis=0)
 
-    def counting(self, values: Indices, share: float) -> CandidateTouches:
-        """The same with the variance of some values counting beside that of the tip, one place for all.
+    def weighted(self, weights: Floats) -> CandidateTouches:
+        """The same with one place for all: the mean of their variances by weights, (g,)."""
+        return self._replace(quadric=self.quadric @ weights[:, None])
 
-        Both in what they are by the prior, so that neither unit nor size of the values matters (a compound criterion).
+    def counting(self, values: Indices, share: float, number: int = 0) -> CandidateTouches:
+        """The same, of one place for all, with the variance of some values counting beside that of the tip.
+
+        All in what they are with touches evenly distributed over all candidates, so that neither unit nor size of the
+        values matters (a compound criterion).
 
         Args:
             values: which, indices of the 12 + m.
             share: of them in the criterion; 1 for these values alone.
+            number: of these touches; 0 for what the prior alone leaves.
         """
-        now: Floats = np.asarray(np.linalg.inv(self.prior), dtype=float)
+        now = _inverse(number * self.information.mean(axis=0) + self.prior)
         rows = np.union1d(self.rows, values)
         squares = np.zeros((len(rows), len(rows)))
         tip, own = np.searchsorted(rows, self.rows), np.searchsorted(rows, values)
         squares[np.ix_(tip, tip)] = (1 - share) / self.variance(now)[0] * self.quadric.reshape(len(tip), -1)
-        squares[own, own] += share / now[values, values].sum()
+        squares[own, own] += share / len(values) / now[values, values]
         return self._replace(rows=rows, quadric=squares.reshape(-1, 1))
+
+
+def _inverse(information: Floats) -> Floats:
+    """The covariance of an information, (…, k, k)."""
+    return np.asarray(np.linalg.inv(information), dtype=float)
 
 
 def candidate_plan(
@@ -218,53 +234,6 @@ TOUCHES_PER_DISC = 3
 """Touches on each disc in a set that checks itself."""
 
 
-def leverages(candidates: CandidateTouches, chosen: list[int]) -> Floats:
-    """Leverage of each touch of a set, (m,)."""
-    rows = candidates.derivative[chosen]
-    return _larger_eigenvalue(rows @ np.linalg.inv(candidates.information_of(chosen)) @ np.swapaxes(rows, 1, 2))
-
-
-def leverage_with_each(candidates: CandidateTouches, chosen: list[int]) -> Floats:
-    """Largest leverage in a set (m,) with each candidate added, (n,).
-
-    With a touch i the blocks become H_jj - G (I + H_ii)⁻¹ Gᵀ with G = J_j C J_iᵀ, and its own (I + H_ii)⁻¹ H_ii.
-    """
-    covariance: Floats = np.asarray(np.linalg.inv(candidates.information_of(chosen)), dtype=float)
-    through, blocks, root = _of_each(candidates, covariance)
-    cross = np.tensordot(candidates.derivative[chosen], through, axes=(2, 2)).transpose(0, 2, 1, 3) @ root
-    others = _larger_eigenvalue(blocks[chosen][:, None] - cross @ np.swapaxes(cross, -1, -2))
-    own = _larger_eigenvalue(blocks)
-    return np.maximum(own / (1 + own), others.max(axis=0, initial=0.0))
-
-
-def penalty(leverage: Floats) -> Floats:
-    """Factor on the variance for a leverage above the largest allowed one: by which the worst loss is worse."""
-    return np.asarray(np.maximum(1.0, (1 - MOST_LEVERAGE) / np.maximum(1 - leverage, 1e-12)))
-
-
-def least_on_discs(candidates: CandidateTouches, weights: Floats, number: int) -> NDArray[np.intp]:
-    """Smallest number of touches on each disc in a set of a given number, (D,).
-
-    Where there are more discs than the touches suffice for, those count that the approximate design touches most.
-
-    Args:
-        candidates: the candidates.
-        weights: of the candidates in the approximate design, (n,).
-        number: of touches in the set.
-    """
-    available = np.bincount(candidates.plan.disc)
-    share = np.bincount(candidates.plan.disc, weights=weights)
-    least = np.minimum(available, TOUCHES_PER_DISC)
-    least[np.argsort(-share, kind='stable')[number // TOUCHES_PER_DISC :]] = 0
-    return np.asarray(least)
-
-
-def _larger_eigenvalue(blocks: Floats) -> Floats:
-    """Of symmetric matrices, (…, 2, 2)."""
-    a, b, c = blocks[..., 0, 0], blocks[..., 1, 0], blocks[..., 1, 1]
-    return np.asarray((a + c) / 2 + np.hypot((a - c) / 2, b))
-
-
 MOST_HELD_OUT = Limits.held_out_caution / 1.15
 """Largest error of touches not seen, in that of the fit, in a set that checks itself. A result above the limit is
 not fit without caution; the factor leaves room for the scatter of that error. Source: with twenty touches the simulated
@@ -311,19 +280,19 @@ FEWEST_TOUCHES = 7
 
 
 class LowerBound(NamedTuple):
-    """Bounds of the largest variance of the tip for all designs, and the approximate design found.
+    """Bounds of the largest variance of the tip for all designs.
 
     Attributes:
         mean: tr(L C) of each iteration, (s,), m².
         gain: max_i tr(C L C I_i), (s,), m².
         prior: tr(C L C P), (s,), m²; 0 without declared uncertainties.
-        weights: of the candidates in that design, ξ, (n,).
+        places: least favourable weights of the places, λ, (g,).
     """
 
     mean: Floats
     gain: Floats
     prior: Floats
-    weights: Floats
+    places: Floats
 
     def variance(self, number: float) -> float:
         """The largest variance of the tip with this many touches is at least this, m²."""
@@ -355,7 +324,7 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
     bounds = []
     for step in range(iterations):
         information = number * np.tensordot(design, candidates.information, axes=1) + regular
-        covariance: Floats = np.asarray(np.linalg.inv(information), dtype=float)
+        covariance = _inverse(information)
         variance = candidates.variance(covariance)
         squares = (candidates.quadric @ places).reshape(len(candidates.rows), -1)
         through = candidates.derivative @ covariance[:, candidates.rows]
@@ -369,157 +338,89 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         places = places * np.exp(6.0 / np.sqrt(step + 1) * (variance / largest - 1))
         places /= places.sum()
     mean_of_each, gain_of_each, prior_of_each = np.array(bounds).T
-    return LowerBound(mean_of_each, gain_of_each, prior_of_each, design)
+    return LowerBound(mean_of_each, gain_of_each, prior_of_each, places)
 
 
-def largest_variance(
-    candidates: CandidateTouches, chosen: list[int], checked: bool = False, *, smooth: bool = False
-) -> float:
-    """Largest variance of the tip over the workspace, m².
+def largest_variance(candidates: CandidateTouches, chosen: Sequence[int]) -> float:
+    """Largest variance of the tip over the workspace with a set, indices of candidates, m²."""
+    return float(candidates.variance(_inverse(candidates.information_of(chosen))).max())
+
+
+def variance_with_each(candidates: CandidateTouches, chosen: Sequence[int]) -> Floats:
+    """The criterion with each candidate added to a set, (n,), m².
 
     Args:
-        candidates: the candidates.
+        candidates: with one place for all.
         chosen: the set, indices of candidates.
-        checked: whether the variance after the loss of the touch that matters most is meant, times the penalty for the
-            largest leverage.
-        smooth: whether the smooth criterion is meant.
     """
-    largest = float(_criterion(candidates.variance(_covariances(candidates, chosen, checked)), smooth).max())
-    return largest * float(penalty(leverages(candidates, chosen)).max()) if checked else largest
+    covariance = _inverse(candidates.information_of(chosen))
+    through = candidates.derivative @ covariance
+    blocks = through @ candidates.derivative.swapaxes(1, 2)
+    own = through[..., candidates.rows]
+    squares = own @ candidates.quadric.reshape(len(candidates.rows), -1) @ own.swapaxes(1, 2)
+    gain = np.trace(np.linalg.solve(np.eye(2) + blocks, squares), axis1=1, axis2=2)
+    return np.asarray(candidates.variance(covariance)[0] - gain)
 
 
-def improve(
-    candidates: CandidateTouches, chosen: list[int], least: Indices | None = None, *, least_gain: float = 1e-4
-) -> list[int]:
-    """Exchanges touches until none lowers the smooth criterion, then the largest variance, then that with checks.
+def choose(candidates: CandidateTouches, number: int, per_disc: int = 0) -> list[int]:
+    """The touches that lower the criterion most: one added after the other, then exchanged; indices of candidates.
 
     Args:
-        candidates: the candidates.
-        chosen: the set to start from, indices of candidates.
-        least: smallest number of touches on each disc, (D,), in a set that checks itself; None for any set.
-        least_gain: smallest relative decrease of the criterion for which touches are exchanged.
+        candidates: with one place for all.
+        number: of touches; all where there are not more candidates.
+        per_disc: smallest number of touches on each disc, as far as candidates and touches suffice.
     """
-    for checked, smooth in ((False, True), (False, False), *([] if least is None else [(True, False)])):
-        chosen, best = list(chosen), largest_variance(candidates, chosen, checked, smooth=smooth)
-        for _ in range(12):  # passes over all positions of the set
-            before = best
-            for place in range(len(chosen)):
-                others = chosen[:place] + chosen[place + 1 :]
-                values = variance_with_each(candidates, others, checked, smooth=smooth)
-                values[chosen] = np.inf
-                if least is not None:
-                    missing = least > np.bincount(candidates.plan.disc[others], minlength=len(least))
-                    values[missing.any() & ~missing[candidates.plan.disc]] = np.inf  # each disc keeps its touches
-                found = int(np.argmin(values))
-                if values[found] < best * (1 - least_gain):
-                    trial = [*others[:place], found, *others[place:]]
-                    reached = largest_variance(candidates, trial, True) if checked else float(values[found])
-                    if reached < best * (1 - least_gain):
-                        chosen, best = trial, reached
-            if best > before * (1 - 10 * least_gain):
-                break
+    discs = candidates.plan.disc
+    least = np.minimum(np.bincount(discs), per_disc)
+
+    def best_beside(others: list[int]) -> tuple[int, float]:
+        """The touch to add to others, where discs lack touches one of theirs, and the criterion with it."""
+        values = variance_with_each(candidates, others)
+        lacks = least > np.bincount(discs[others], minlength=len(least))
+        values[lacks.any() & ~lacks[discs]] = np.inf
+        values[others] = np.inf
+        found = int(np.argmin(values))
+        return found, float(values[found])
+
+    chosen, reached = list[int](), np.inf
+    for _ in range(min(number, len(discs))):
+        found, reached = best_beside(chosen)
+        chosen.append(found)
+    for _ in range(12):  # passes over all positions of the set
+        before = reached
+        for place in range(len(chosen)):
+            others = chosen[:place] + chosen[place + 1 :]
+            found, value = best_beside(others)
+            if value < reached * (1 - 1e-3):
+                chosen, reached = [*others[:place], found, *others[place:]], value
+        if reached > before * (1 - 1e-2):
+            break
     return chosen
 
 
-def variance_with_each(
-    candidates: CandidateTouches, chosen: list[int], checked: bool = False, *, smooth: bool = False
-) -> Floats:
-    """The criterion with each candidate added to a set, (n,), m²; with checks a lower bound of it."""
-    covariances = _covariances(candidates, chosen, checked)
-    if checked:  # the three worst losses
-        order = np.argsort(_criterion(candidates.variance(covariances), False))
-        covariances = covariances[order[-3:]]
-    values = np.max([_criterion(_added(candidates, covariance), smooth) for covariance in covariances], axis=0)
-    return np.asarray(values * penalty(leverage_with_each(candidates, chosen)) if checked else values)
+def leverages(candidates: CandidateTouches, chosen: Sequence[int]) -> Floats:
+    """Leverage of each touch of a set, (m,)."""
+    rows = candidates.derivative[list(chosen)]
+    blocks = rows @ np.linalg.inv(candidates.information_of(chosen)) @ rows.swapaxes(1, 2)
+    return np.asarray(np.linalg.eigvalsh(blocks)[:, -1])
 
 
-def _covariances(candidates: CandidateTouches, chosen: list[int], checked: bool) -> Floats:
-    """Covariance with the set, or, with checks, with the set without each of its touches, (c, 12 + m, 12 + m)."""
-    together = candidates.information_of(chosen)[None]
-    return np.asarray(np.linalg.inv(together - candidates.information[chosen] if checked else together), dtype=float)
-
-
-def _added(candidates: CandidateTouches, covariance: Floats) -> Floats:
-    """Variance of the tip at each place with each candidate added, (n, g), m²."""
-    through, _, root = _of_each(candidates, covariance)
-    gain = np.swapaxes(root, 1, 2) @ through[:, :, candidates.rows]
-    less = (np.swapaxes(gain, 1, 2) @ gain).reshape(len(gain), -1) @ candidates.quadric
-    return np.asarray(np.maximum(candidates.variance(covariance) - less, 0.0))
-
-
-def _of_each(candidates: CandidateTouches, covariance: Floats) -> tuple[Floats, Floats, Floats]:
-    """J C, (n, 2, 12 + m), and H = J C Jᵀ of each candidate, and the Cholesky factor of (1 + H)⁻¹, (n, 2, 2)."""
-    through = candidates.derivative @ covariance
-    blocks = through @ np.swapaxes(candidates.derivative, 1, 2)
-    return through, blocks, np.linalg.cholesky(np.linalg.inv(np.eye(2) + blocks))
-
-
-def _criterion(variance: Floats, smooth: bool, doublings: int = 4) -> Floats:
-    """The largest over the places, (…), or the smooth criterion: the mean of power 2**doublings."""
-    largest = variance.max(axis=-1)
-    if not smooth:
-        return np.asarray(largest)
-    part = variance / largest[..., None]
-    for _ in range(doublings):
-        part *= part
-    return np.asarray(largest * part.mean(axis=-1) ** (0.5**doublings))
-
-
-def best_set(
-    candidates: CandidateTouches,
-    bound: LowerBound,
-    number: int,
-    *,
-    checked: bool = False,
-    seed: int = 0,
-    starts: int,
-    target: float = np.inf,
-) -> tuple[list[int], float]:
-    """The best set found of a given number of touches: indices of candidates, in increasing order, and its largest
-    standard deviation of the tip, m; of a set that checks itself that after the worst loss, and infinite if a leverage
-    is too large.
-
-    Args:
-        candidates: the candidates.
-        bound: sets are drawn by its weights.
-        number: of touches.
-        checked: whether the set has to check itself.
-        seed: of the sets drawn.
-        starts: number of sets to improve.
-        target: m; if the first four sets all stay 6 % above it, no more are tried.
-    """
-    random = np.random.default_rng([seed, number, int(checked)])
-    least = least_on_discs(candidates, bound.weights, number) if checked else None
-    best, lowest = list[int](), np.inf
-    for start in range(starts):
-        chosen = improve(candidates, _draw(candidates, bound.weights, number, random, least), least)
-        reached = float(np.sqrt(largest_variance(candidates, chosen, checked)))
-        if reached < lowest:
-            best, lowest = chosen, reached
-        if start >= 3 and lowest > 1.06 * target:
+def checked(candidates: CandidateTouches, chosen: list[int]) -> list[int]:
+    """A set with as many more touches as it takes until no leverage is above `MOST_LEVERAGE`."""
+    values = np.arange(len(candidates.prior))
+    while len(chosen) < len(candidates.plan):
+        leverage = leverages(candidates, chosen)
+        if leverage.max() <= MOST_LEVERAGE:
             break
-    if checked and leverages(candidates, best).max() > MOST_LEVERAGE:
-        lowest = np.inf
-    return sorted(best), lowest
-
-
-def _draw(
-    candidates: CandidateTouches, weights: Floats, number: int, random: np.random.Generator, least: Indices | None
-) -> list[int]:
-    """A set to start from, with enough touches on each disc."""
-
-    def drawn(weights: Floats, count: int) -> list[int]:
-        return random.choice(len(weights), count, replace=False, p=weights / weights.sum()).tolist() if count else []
-
-    weights = weights + 1e-6 * weights.max()  # so that enough candidates have a weight above 0
-    chosen = list[int]()
-    for disc, count in enumerate([] if least is None else least.tolist()):
-        chosen += drawn(np.where(candidates.plan.disc == disc, weights, 0.0), count)
-    weights[chosen] = 0.0
-    return chosen + drawn(weights, number - len(chosen))
+        worst = candidates.information[chosen[int(np.argmax(leverage))]]
+        variances = variance_with_each(candidates._replace(rows=values, quadric=worst.reshape(-1, 1)), chosen)
+        variances[chosen] = np.inf
+        chosen = [*chosen, int(np.argmin(variances))]
+    return chosen
 
 
 def without_each(robot: Robot, plan: Plan, tip: Tip) -> Floats:
     """Largest standard deviation of the tip without each touch of a plan, (n,), m."""
     of_plan = prepare_candidates(robot, plan, tip)
-    return np.asarray(np.sqrt(of_plan.variance(_covariances(of_plan, list(range(len(plan))), True)).max(axis=1)))
+    together = of_plan.information_of(range(len(plan)))
+    return np.asarray(np.sqrt(of_plan.variance(_inverse(together - of_plan.information)).max(axis=1)))

@@ -2,9 +2,9 @@
 
 **Choice** (I-optimality). The covariance of all values, of the declared errors and of effects that nobody has decided
 about follows from the touches made and those planned, linearised where they are expected. Of all candidates that can be
-reached the one is added that lowers the mean variance of the tip over the region most, without and under load; then
-touches are exchanged as in `search`. Candidates are points around the discs, both postures, three forces, with and
-without a preload: a preload is planned where it shows friction.
+reached those are chosen (`candidates`) that lower the mean variance of the tip over the region most, without and under
+load. Candidates are points around the discs, both postures, three forces, with and without a preload: a preload is
+planned where it shows friction.
 
 **Effects not decided.** Every effect of the catalogue counts, with a prior: its typical size where the diagnosis
 suspects it, else the size that the mixed model has found, or `UNSUSPECTED` of the typical one without such a fit; one
@@ -50,13 +50,13 @@ from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import (
     MOST_TOUCHES,
+    PRELOAD,
     CandidateTouches,
     candidate_plan,
+    choose,
     declared_rows,
-    improve,
     largest_variance,
     prepare_candidates,
-    variance_with_each,
 )
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
 from scara_kinetostatic.planning.prediction import Robot, Tip, contributions, exact_plan, tip_in_use
@@ -67,8 +67,6 @@ UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
 gain hardly more than even ones; from a hundredth to a tenth as many effects are found.
 """
-PRELOAD = 0.3
-"""Part of the force by which preloaded touches go beyond it."""
 _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 
@@ -369,7 +367,7 @@ class Planner:
             UnsupportedDataError: no touch can be reached, or none from there.
         """
         nothing = self.candidates.plan.select(np.zeros(0, dtype=np.intp))
-        chosen = _best(self.candidates, number)
+        chosen = choose(self.candidates, number)
         return self._arranged(nothing, [], self.candidates, chosen, self._candidates[1], start)
 
     def discriminating(
@@ -403,7 +401,7 @@ class Planner:
             candidates = candidates._replace(prior=candidates.prior + planned)
         if len(self._in_doubt):
             candidates = candidates.counting(self._in_doubt, 1.0)
-        more = _best(candidates, number - len(there))
+        more = choose(candidates, number - len(there))
         # 0.9: of the variance of what is suspected, in simulated cells a dozen touches left 0.5 to 0.8
         if not there and largest_variance(candidates, more) > 0.9:
             why = left[0] if left else 'more touches hardly sharpen what is suspected'
@@ -479,13 +477,3 @@ class Planner:
 def _is_size(effect: Effect) -> Mask:
     """Which of an effect's values are its size, the others its form, (k,)."""
     return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
-
-
-def _best(candidates: CandidateTouches, number: int) -> list[int]:
-    """The set that lowers the criterion most: one added after the other, then exchanged."""
-    chosen = list[int]()
-    for _ in range(min(number, len(candidates.plan))):
-        values = variance_with_each(candidates, chosen)
-        values[chosen] = np.inf
-        chosen.append(int(np.argmin(values)))
-    return improve(candidates, chosen, least_gain=0.01)

@@ -32,12 +32,16 @@ from scara_kinetostatic.planning.candidates import (
     MOST_LEVERAGE,
     MOST_TOUCHES,
     PER_DISC,
+    PRELOAD,
+    TOUCHES_PER_DISC,
     CandidateTouches,
     LowerBound,
-    best_set,
     candidate_plan,
+    checked,
+    choose,
     find_lower_bound,
     held_out_ratio,
+    largest_variance,
     prepare_candidates,
     without_each,
 )
@@ -55,6 +59,10 @@ from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan, rea
 
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
+_SHARE_OF_PARAMETERS = 0.1
+"""Of the parameters in the criterion. With none, sets for the free tip are of one force level, which leaves p_ee and
+g_ee confounded; from 0.03 to 0.3 the tip's standard deviation hardly depends on it.
+"""
 Progress = Callable[[str, float], None]
 """Receives what is being done, and the share of all that is done, 0 to 1."""
 
@@ -72,7 +80,6 @@ class Requirements:
         load: force under which the loaded tip is predicted, N.
         under_load: whether the accuracy is required of the loaded tip.
         number: of touches in comparisons.
-        seed: of all random numbers.
     """
 
     accuracy: float | None = None
@@ -82,7 +89,6 @@ class Requirements:
     load: float = 40.0
     under_load: bool = False
     number: int = 36
-    seed: int = 0
 
 
 class Row(NamedTuple):
@@ -247,13 +253,19 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         raise UnsupportedDataError('the candidate touches do not determine the tip, however many are made', remedy)
     tolerance = robot.cell.tolerance
     accuracy = q.accuracy or (tolerance / 2 if tolerance else max(1e-5, _ABOVE_LIMIT * lowest))
-    candidates = prepare_candidates(robot, every, _coarse_tip(task))
+    candidates = prepare_candidates(robot, every, task.tip)
     bound = find_lower_bound(candidates, accuracy)
     if robot.declared and bound.variance(MOST_TOUCHES) > accuracy**2:
         raise _out_of_reach(task, accuracy, very_many)
-    plan, tried = _smallest_set(task, accuracy, candidates, bound, very_many.rank, report)
+    weighted = candidates.weighted((bound.places + 1 / len(bound.places)) / 2)
+    judged = weighted.counting(np.arange(candidates.values), _SHARE_OF_PARAMETERS, q.number)
+    plan, tried = _smallest_set(task, accuracy, judged, bound, very_many.rank, report)
     report('accuracy by the number of touches', 0.6)
-    curve = _curve(task, candidates, bound)
+    numbers = [n for n in (16, 20, 24, 30, 36, 48, 72, 108) if n <= len(every)]
+    chosen = [largest_variance(candidates, choose(judged, n)) for n in numbers]
+    even = [tip_std(task.tip, predict(robot, every, n)).largest for n in numbers]
+    least = [bound.variance(n) for n in numbers]
+    curve = Curve(np.array(numbers), np.sqrt(chosen), np.array(even), np.sqrt(least))
     report('force levels, postures, discs', 0.8)
     return Design(
         **vars(task),
@@ -273,14 +285,6 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     )
 
 
-def _coarse_tip(task: Task) -> Tip:
-    """The required tip on a coarse grid, for the search: both limits of the reach and the middle."""
-    robot, q = task.robot, task.requirements
-    if q.under_load:
-        return loaded_tip(robot, make_workspace(robot, 3, 12), q.load, 4)
-    return loaded_tip(robot, make_workspace(robot, 3))
-
-
 def _out_of_reach(task: Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
     lowest = tip_std(task.tip, very_many).largest
@@ -298,39 +302,29 @@ def _out_of_reach(task: Task, accuracy: float, very_many: Prediction) -> Unsuppo
 def _smallest_set(
     task: Task, accuracy: float, candidates: CandidateTouches, bound: LowerBound, rank: int, report: Progress
 ) -> tuple[Plan, dict[int, float]]:
-    """The smallest set found that checks itself and keeps the accuracy on the full workspace, and what smaller ones
-    reach; the search itself is for a coarse grid, and where that was too coarse, it is asked for more.
+    """The smallest set found that checks itself and keeps the accuracy, and what smaller ones reach.
 
     Raises:
         UnsupportedDataError: the accuracy is out of reach.
     """
-    seed, tried = task.requirements.seed, dict[int, float]()
-    k, places = len(candidates.rows), candidates.quadric.shape[1]
-    effort = int(60 * min(1.0, 12000 / (k * (k + 1) * places)))  # starts times touches: seconds for each number
-    most, target = min(MOST_TOUCHES, len(candidates.plan)), accuracy
-    number = max(FEWEST_TOUCHES, bound.number(target)) + 1
-    while number <= most:
+    best, tried = None, dict[int, float]()
+    needed, most = bound.number(accuracy), min(MOST_TOUCHES, len(candidates.plan))
+    number = max(FEWEST_TOUCHES, needed) + 1
+    while number <= (most if best is None else len(best) - 1):
         report(f'sets of {number} touches', 0.1)
-        starts = max(2, effort // number)
-        chosen, value = best_set(candidates, bound, number, checked=True, seed=seed, starts=starts, target=target)
-        if value > target:
-            tried.setdefault(number, value)
-            number += max(1, number // 40)
-            continue
+        chosen = checked(candidates, choose(candidates, number, TOUCHES_PER_DISC))
         plan = _mixed(candidates.plan.select(np.array(chosen)))
         prediction, reached = predict(task.robot, plan), np.inf  # of a set that does not check itself
         checks = prediction.rank >= rank and prediction.leverage.max() <= MOST_LEVERAGE
         if checks and held_out_ratio(task.robot, plan) <= MOST_HELD_OUT:
             reached = float(without_each(task.robot, plan, task.tip).max())
-        if reached <= accuracy:
-            return plan, {fewer: value for fewer, value in tried.items() if fewer < number}
-        tried[number] = min(reached, tried.get(number, np.inf))
-        if np.isfinite(reached):
-            target *= min(0.999, 0.999 * accuracy / reached)
-            number = max(number, bound.number(target) + 1)
-        else:
-            number += 1
-    needed = bound.number(accuracy)
+        if reached > accuracy:
+            tried[len(plan)] = min(reached, tried.get(len(plan), np.inf))
+        elif best is None or len(plan) < len(best):
+            best = plan
+        number += max(1, number // 40)
+    if best is not None:
+        return best, {fewer: value for fewer, value in tried.items() if fewer < len(best)}
     least = f', at least {needed} are needed' if needed else ''
     raise UnsupportedDataError(
         f'an accuracy of {accuracy:.3g} m is out of reach: no set of {most} of the {len(candidates.plan)} candidate '
@@ -346,19 +340,10 @@ def _mixed(plan: Plan) -> Plan:
     around = np.lexsort((plan.angle, plan.posture, plan.disc))
     side = 2 * plan.disc[around] + (plan.posture[around] > 0)
     number = np.arange(len(plan)) - np.searchsorted(side, side)  # from 0 in each disc and posture
-    plan = replace(plan.select(around), preload=np.where(number % 2 == 0, 0.3, 0.0))
+    plan = replace(plan.select(around), preload=np.where(number % 2 == 0, PRELOAD, 0.0))
     around = np.lexsort((plan.posture, plan.angle, plan.disc))
     golden_ratio = 0.6180339887498949  # steps of a low-discrepancy order
     return plan.select(around[np.argsort(np.arange(len(plan)) * golden_ratio % 1.0, kind='stable')])
-
-
-def _curve(task: Task, candidates: CandidateTouches, bound: LowerBound) -> Curve:
-    """The accuracy by the number of touches."""
-    numbers, seed = [n for n in (16, 20, 24, 30, 36, 48, 72, 108) if n <= len(candidates.plan)], task.requirements.seed
-    chosen = [best_set(candidates, bound, n, seed=seed, starts=2 if n < 30 else 1)[1] for n in numbers]
-    even = [tip_std(task.tip, predict(task.robot, candidates.plan, n)).largest for n in numbers]
-    least = np.sqrt([bound.variance(n) for n in numbers])
-    return Curve(np.array(numbers), np.array(chosen), np.array(even), least)
 
 
 def _tables(task: Task) -> dict[str, list[Row]]:
@@ -382,13 +367,13 @@ def _tables(task: Task) -> dict[str, list[Row]]:
 
 def _additional_disc(task: Task, grid: int = 25, per_disc: int = 12) -> DiscMap:
     """Accuracy with one additional disc of medium radius, as well known as the first one and on its plate."""
-    robot, q, cell, tip = task.robot, task.requirements, task.robot.cell, _coarse_tip(task)
+    robot, q, cell = task.robot, task.requirements, task.robot.cell
     number, radius = q.number + max(1, q.number // len(cell.discs)), float(np.median(cell.radii))
 
     def largest(discs: tuple[Disc | Outline, ...]) -> float:
         other = replace(robot, cell=replace(cell, discs=discs))
         plan = candidate_plan(other, q.levels, q.postures, per_disc)
-        return prepare_candidates(other, plan, tip).evenly_distributed(number)
+        return prepare_candidates(other, plan, task.tip).evenly_distributed(number)
 
     base, (least, most) = np.array([cell.nominal.x0, cell.nominal.y0]), reach(cell.nominal)
     x, y = (at + np.linspace(-most, most, grid) for at in base)

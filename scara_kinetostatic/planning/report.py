@@ -149,7 +149,6 @@ def design_document(design: Design) -> dict[str, Any]:
             'load': q.load,
             'region': list(robot.cell.region),
             'touches_compared': q.number,
-            'seed': q.seed,
         },
         'robot': {
             'parameters': robot.parameters.as_dict(),

@@ -246,7 +246,7 @@ def test_a_disc_that_is_suspected_is_decided_although_it_does_not_move_the_tip(l
     left = [largest_variance(of_disc, places_of(suspicious, one.plan)) for one in planned]
     assert left[1] < 0.9 * left[0]
     reasons = {reason.partition(',')[0] for reason in planned[1].reasons}
-    assert (f'decides {label}' in reasons) == (label == 'object_position[disc_2]')  # a radius is found along with p_ee
+    assert f'decides {label}' in reasons
 
 
 @pytest.mark.parametrize('label', ['transmission_error[joint1]', 'joint_slip[joint2]', 'load_friction[joint1]'])
