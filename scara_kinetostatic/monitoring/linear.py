@@ -40,7 +40,7 @@ from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
@@ -100,13 +100,15 @@ class State(NamedTuple):
 
         Errors of objects that the calibration does not know, or knows otherwise, are as the cell declares them.
         """
+        cell = record.arm.cell if cell is None else cell
+        if record.arm.cell.discs == cell.discs:  # their undetected errors are what they were
+            record = record.without_undetected()
         arm = record.arm
-        cell = arm.cell if cell is None else cell
 
-        def declared(items: Sequence[Any]) -> Any:
+        def as_declared(items: Sequence[Any]) -> Any:
             return tuple(one._replace(**{name: 1.0 for name in one._fields if name.endswith('_std')}) for one in items)
 
-        every = {'discs': declared(cell.discs), 'plates': declared(cell.plates)}
+        every = {'discs': as_declared(cell.discs), 'plates': as_declared(cell.plates)}
         probe = DeclaredErrors.of(replace(cell, **every, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
@@ -118,15 +120,12 @@ class State(NamedTuple):
         values, same = len(arm.model.names), same_sources(arm.cell, cell)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
         known = [k for k, name in enumerate(record.names) if k < values or same(name)]
-        places = [k if k < values else values + names[values:].index(record.names[k]) for k in known]
+        places = [k if k < values else values + probe.names.index(record.names[k]) for k in known]
         covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
         mean[places] = record.values[known]
-        if arm.cell.discs == cell.discs:  # their undetected errors are what they were
-            undetected = record.undetected
-            part = undetected.of_all(len(record.names))[known][:, np.equal(undetected.of_robot, False)]
-            covariance[np.ix_(places, places)] -= part @ part.T
-        for name, std in stated_uncertainties(cell).items():
-            if name in names[values:] and (place := values + names[values:].index(name)) not in places:
+        declared = DeclaredErrors.of(cell)
+        for name, std in zip(declared.names, declared.units, strict=True) if declared else ():
+            if (place := values + probe.names.index(name)) not in places:
                 covariance[place, place] = std**2
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
         return cls(names, units, scale, probe.cell, mean[values:], covariance / np.outer(scale, scale))
@@ -139,30 +138,6 @@ class State(NamedTuple):
     def place(self, name: str) -> int:
         """Position of a value of the model or, if it has none of that name, of an error of the cell."""
         return self.names.index(name)
-
-    def error_place(self, name: str) -> int:
-        """Position of an error of the cell; an effect of the model may have the same name."""
-        return self.values + self.names[self.values :].index(name)
-
-    def stated_place(self, name: str) -> int:
-        """Position of what `stated_uncertainties` names."""
-        if name.startswith('nominal['):
-            return self.place(name.removeprefix('nominal[').rstrip(']'))
-        return self.error_place(name)
-
-    def of_stored_forces(self) -> State:
-        """For touches whose forces are corrected for the errors of the sensor, as `CalibrationRecord.touches`."""
-        errors = self.errors.copy()
-        for name in ('force_gain', 'force_rotation'):
-            errors[self.error_place(name) - self.values] = 0.0
-        return self._replace(errors=errors)
-
-
-def stated_uncertainties(cell: Cell) -> dict[str, float]:
-    """Standard uncertainty of each declared error and, as ``nominal[l1]``, of each trusted nominal value, SI."""
-    declared = DeclaredErrors.of(cell)
-    found = dict(zip(declared.names, declared.units.tolist(), strict=True)) if declared else {}
-    return found | {f'nominal[{name}]': std for name, std in cell.uncertainty.nominal.items()}
 
 
 def same_sources(known: Cell, cell: Cell) -> Callable[[str], bool]:
@@ -260,6 +235,22 @@ class Information(NamedTuple):
         return Information(faded * self.matrix + other.matrix, faded * self.score + other.score)
 
 
+class Ratio(NamedTuple):
+    """Likelihood ratio of a change of k values.
+
+    Attributes:
+        statistic: T.
+        freedoms: its degrees of freedom.
+        change: estimate, in units of the scale, (k,).
+        std: of the change, (k,); NaN where the touches do not determine it.
+    """
+
+    statistic: float
+    freedoms: int
+    change: Floats
+    std: Floats
+
+
 class Evidence(NamedTuple):
     """What touches say of a change of the state, given an earlier knowledge of it.
 
@@ -280,18 +271,22 @@ class Evidence(NamedTuple):
         solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
         return cls(solved[:, size], (solved[:, :size] + solved[:, :size].T) / 2)
 
-    def ratio(self, places: Sequence[int]) -> tuple[float, Floats, Floats]:
-        """Likelihood ratio statistic T of a change of some values, the change and its std in units of the scale.
+    def beside(self, columns: Floats) -> Evidence:
+        """What is independent of changes along columns, (p, k), in units of the scale."""
+        along = self.matrix @ columns
+        inverse = np.linalg.pinv(columns.T @ along, rcond=1e-9, hermitian=True)
+        matrix = self.matrix - along @ inverse @ along.T
+        return Evidence(self.score - along @ inverse @ (columns.T @ self.score), (matrix + matrix.T) / 2)
 
-        Directions of which the touches say nothing do not count; std is NaN where there is one.
-        """
+    def ratio(self, places: Sequence[int] | Indices) -> Ratio:
+        """Of a change of some values; directions of which the touches say nothing do not count."""
         where = list(places)
         values, vectors = np.linalg.eigh(self.matrix[np.ix_(where, where)])
         kept = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
         root = vectors[:, kept] / np.sqrt(values[kept])
-        change = root @ (root.T @ self.score[where])
-        std = np.linalg.norm(root, axis=1) if kept.all() else np.full(len(where), np.nan)
-        return float(self.score[where] @ change), change, std
+        change, std = root @ (root.T @ self.score[where]), np.linalg.norm(root, axis=1)
+        std[np.linalg.norm(vectors[:, ~kept], axis=1) > std] = np.nan  # by its plausible size, one unit
+        return Ratio(float(self.score[where] @ change), int(kept.sum()), change, std)
 
 
 class PredictionTest(NamedTuple):
