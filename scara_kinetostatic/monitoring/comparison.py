@@ -7,8 +7,8 @@ covariance C₀ of its values and of the errors of the cell they are evidence fo
 
 b and Λ of the values that may have changed. Errors of the cell description are the same in both, as are undetected
 effects of the robot, which are values of its model: C₀ says how they moved the estimates and predicts what they do to
-the touches, so they cancel. The discs stand where they stood. An object of another place, radius or uncertainty is
-another one (`linear.same_sources`). What undetected effects of objects and sensor do to the values is
+the touches, so they cancel. The discs stand where they stood. An object that the cells describe otherwise is another
+one (`linear.described_alike`). What undetected effects of objects and sensor do to the values is
 
     S = (G_A - G_B)(G_A - G_B)ᵀ,
 
@@ -40,10 +40,9 @@ from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, explanations, hypotheses_of
-from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure, p_values
+from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_alike, measure, p_values
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
@@ -53,17 +52,10 @@ LEVEL = 0.01
 def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
     """Whether an effect means the same in the recordings of two cells.
 
-    Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor an error of
-    an object that the cells describe otherwise: a description may have been corrected.
+    Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor what is of
+    an object that the cells describe otherwise.
     """
-    if effect.is_stepwise or effect.off_normal_std:
-        return False
-    stated = []
-    for cell in (one, other):
-        objects = {plate.name: (plate.x, plate.y) for plate in cell.plates}
-        objects |= {d.name: d.corners if isinstance(d, Outline) else (d.x, d.y, d.radius) for d in cell.discs}  # type: ignore[misc]
-        stated.append(objects.get(getattr(effect, 'target', '')))
-    return stated[0] == stated[1]
+    return not (effect.is_stepwise or effect.off_normal_std) and described_alike(one, other)(effect.label)
 
 
 def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:

@@ -105,11 +105,9 @@ class State(NamedTuple):
             record = record.without_undetected()
         arm = record.arm
 
-        def as_declared(items: Sequence[Any]) -> Any:
-            return tuple(one._replace(**{name: 1.0 for name in one._fields if name.endswith('_std')}) for one in items)
-
-        every = {'discs': as_declared(cell.discs), 'plates': as_declared(cell.plates)}
-        probe = DeclaredErrors.of(replace(cell, **every, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
+        every = _with_stds(cell, 1.0)
+        discs, plates = tuple(every[: len(cell.discs)]), tuple(every[len(cell.discs) :])
+        probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
@@ -117,7 +115,7 @@ class State(NamedTuple):
         plausible = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}  # sizes of errors of the cell
         scale = np.concatenate([scales_of(arm.model), [plausible[unit] for unit in of_cell]])
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
-        values, same = len(arm.model.names), same_sources(arm.cell, cell)
+        values, same = len(arm.model.names), described_alike(arm.cell, cell)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
         known = [k for k, name in enumerate(record.names) if k < values or same(name)]
         places = [k if k < values else values + probe.names.index(record.names[k]) for k in known]
@@ -140,18 +138,19 @@ class State(NamedTuple):
         return self.names.index(name)
 
 
-def same_sources(known: Cell, cell: Cell) -> Callable[[str], bool]:
-    """Whether an error, by name, is of a source of uncertainty that is the same thing in two cells."""
+def described_alike(one: Cell, other: Cell) -> Callable[[str], bool]:
+    """Whether an error or an effect, by name or label, is of the same thing in two cells: not of an object that one
+    lacks or that they describe otherwise, but for its uncertainty. A description may have been corrected.
+    """
+    first, second = ({item.name: item for item in _with_stds(cell, 0.0)} for cell in (one, other))
+    different = {name for name in first.keys() | second.keys() if first.get(name) != second.get(name)}
+    return lambda name: name.partition('[')[2].partition(']')[0] not in different
 
-    def described(cell: Cell) -> dict[str, object]:
-        errors = ('position', 'radius', 'offset', 'rotation')
-        objects = {f'object_{what}[{disc.name}]': disc for disc in cell.discs for what in errors}
-        plates = {f'plate_{what}[{plate.name}]': plate for plate in cell.plates for what in ('position', 'angle')}
-        return {**objects, **plates, **{f'nominal[{name}]': v for name, v in cell.nominal.as_dict().items()}}
 
-    one, other = map(described, (known, cell))
-    same = {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
-    return lambda name: name.removesuffix('.x').removesuffix('.y') in same
+def _with_stds(cell: Cell, std: float) -> list[Any]:
+    """The objects and plates of a cell with other uncertainties."""
+    objects: tuple[Any, ...] = (*cell.discs, *cell.plates)
+    return [one._replace(**{name: std for name in one._fields if name.endswith('_std')}) for one in objects]
 
 
 class Measured(NamedTuple):

@@ -115,8 +115,7 @@ def test_an_effect_that_only_one_has_found_is_a_change(cell: Cell, later: bool) 
     assert (tables['l1']['from'], tables['l1']['to']) == (one.arm.model.parameters.l1, other.arm.model.parameters.l1)
     assert abs(tables['l1']['joint_fit']['from' if later else 'to'] - plain.arm.model.parameters.l1) > 1e-9
     assert tables['object_position[disc_2].x']['from' if later else 'to'] is None
-    shown = as_text(comparison_report([found]))
-    assert shown.index('As the files have it') < shown.index('Both fitted with the effects of both')
+    assert 'object_position[disc_2].x' in as_text(comparison_report([found]))
     if cell is CELL:  # where it has not moved, the two models agree
         same = compare(plain, _with_object_position(touches_of(cell, 2, world=world), cell))
         assert same.p_value > 1e-3 and same.degrees_of_freedom == 14 and same.only_after
