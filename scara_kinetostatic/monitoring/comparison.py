@@ -8,7 +8,7 @@ covariance C₀ of its values and of the errors of the cell they are evidence fo
 b and Λ of the values that may have changed. Errors of the cell description are the same in both, as are undetected
 effects of the robot, which are values of its model: C₀ says how they moved the estimates and predicts what they do to
 the touches, so they cancel. The discs stand where they stood. An object that the cells describe otherwise is another
-one (`linear.described_alike`). What undetected effects of objects and sensor do to the values is
+one (`linear.described_otherwise`). What undetected effects of objects and sensor do to the values is
 
     S = (G_A - G_B)(G_A - G_B)ᵀ,
 
@@ -42,7 +42,7 @@ from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, explanations, hypotheses_of
-from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_alike, measure, p_values
+from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_otherwise, measure, p_values
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
@@ -55,7 +55,8 @@ def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
     Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor what is of
     an object that the cells describe otherwise.
     """
-    return not (effect.is_stepwise or effect.off_normal_std) and described_alike(one, other)(effect.label)
+    is_of_another = getattr(effect, 'target', '') in described_otherwise(one, other)
+    return not (effect.is_stepwise or effect.off_normal_std or is_of_another)
 
 
 def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:
@@ -198,22 +199,20 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
 
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     """What changed from one calibration of a robot to the next; it has the same undetected effects in both."""
-    both = before, after
+    both, cells = (before, after), (before.arm.cell, after.arm.cell)
     only_before, only_after = (tuple(effect.label for effect in alone(*pair)) for pair in (both, both[::-1]))
-    known, held = both if len(only_before) >= len(only_after) else both[::-1]
-    cells, effects = (before.arm.cell, after.arm.cell), (*before.arm.model.effects, *after.arm.model.effects)
+    effects = (*before.arm.model.effects, *after.arm.model.effects)
     not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
-    there = _known_there(known, held)
-    state = State.of(there, held.arm.cell)
-    names = [n for n in there.arm.model.names if not n.startswith(UNDETECTED)]
-    names = [n for n in names if n in UNITS or n.rpartition('.')[0] not in not_compared]
-    places, is_fixed = np.array([state.place(n) for n in names]), np.array([_is_fixed(n, both) for n in names])
-    tested = places[~is_fixed]
-    by_model = replace(there, document=held.document, arm=replace(there.arm, noise=held.arm.noise))
-    evidence = Evidence.of(Information.of(measure(held.touches, by_model, state)), state.covariance)
-    if held is before:
+    known, held = both if len(only_before) >= len(only_after) else both[::-1]
+    known = _known_there(known, held)
+    state = State.of(known, held.arm.cell)
+    evidence = _evidence(known, held, state)
+    if held is before:  # the change from it is asked for
         evidence = evidence._replace(score=-evidence.score)
     evidence = evidence.beside(_undetermined(both, state))
+    names = [name for name in known.arm.model.names if not name.startswith(UNDETECTED)]
+    names = [name for name in names if name in UNITS or name.rpartition('.')[0] not in not_compared]
+    tested = [state.place(name) for name in names if not _is_fixed(name, both)]
     test = evidence.ratio(tested)
     noise = sum(r.noise_freedoms for r in both if np.isfinite(r.noise_freedoms)) or np.inf
     p_value = float(p_values(test.statistic, test.freedoms, noise))
@@ -223,19 +222,18 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         ranking = explanations(evidence, state, [h for h in hypotheses_of(state) if not {*h.places} & others])
         total = evidence.ratio(sorted({*tested, *ranking[0].hypothesis.places}))
         causes = Causes.of(ranking, (total.statistic, total.freedoms, noise))
-    value, change, std = there.values[places], np.zeros(len(places)), np.zeros(len(places))
-    held_names = np.array(names)[is_fixed].tolist()
-    change[is_fixed] = [after.values[after.place(n)] - before.values[before.place(n)] for n in held_names]
-    change[~is_fixed], std[~is_fixed] = state.scale[tested] * test.change, state.scale[tested] * test.std
-    ends = (value, value + change) if known is before else (value - change, value)
-    columns = (part.tolist() for part in (*ends, std))
-    parameters = tuple(map(ParameterChange, names, [state.units[k] for k in places], *columns))
+    found = dict(zip(tested, (state.scale[tested] * [test.change, test.std]).T.tolist(), strict=True))
+    parameters = []
+    for name in names:
+        place = state.place(name)
+        value, (change, std) = float(known.values[place]), found.get(place, (_difference(name, both), 0.0))
+        ends = (value, value + change) if held is after else (value - change, value)
+        parameters.append(ParameterChange(name, state.units[place], *ends, std))
     off = after.tip_moved(before.arm, after.arm)
-    notes = tuple(_notes(before, after, bool(change[is_fixed].any()), [p.name for p in parameters if np.isnan(p.std)]))
     return Change(
         before=before,
         after=after,
-        parameters=parameters,
+        parameters=tuple(parameters),
         chi_square=test.statistic,
         degrees_of_freedom=test.freedoms,
         p_value=p_value,
@@ -245,8 +243,20 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         only_before=only_before,
         only_after=only_after,
         not_compared=not_compared,
-        notes=notes,
+        notes=tuple(_notes(before, after, parameters)),
     )
+
+
+def _evidence(known: CalibrationRecord, held: CalibrationRecord, state: State) -> Evidence:
+    """What the touches of a calibration, with its noise, say of a change since another one."""
+    model = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
+    return Evidence.of(Information.of(measure(held.touches, model, state)), state.covariance)
+
+
+def _difference(name: str, both: Sequence[CalibrationRecord]) -> float:
+    """Of a value of which neither calibration says more; 0 where one lacks it."""
+    one, other = (record.values[record.place(name)] if name in record.names else np.nan for record in both)
+    return float(np.nan_to_num(other - one))
 
 
 def _is_fixed(name: str, both: Sequence[CalibrationRecord]) -> bool:
@@ -282,14 +292,14 @@ def _by_undetected(before: UndetectedErrors, after: UndetectedErrors, names: Seq
     return np.array(found).reshape(-1, len(names)).T
 
 
-def _notes(before: CalibrationRecord, after: CalibrationRecord, is_held: bool, single: Sequence[str]) -> list[str]:
+def _notes(before: CalibrationRecord, after: CalibrationRecord, parameters: Sequence[ParameterChange]) -> list[str]:
     """What limits a comparison."""
-    notes = []
+    notes, single = [], [p.name for p in parameters if np.isnan(p.std)]
     if single:
         notes += [f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all']
     if before.checksums & after.checksums:
         same = 'both calibrations contain the same recording'
         notes += [f'{same}: they are not independent, and the p-value is not valid']
-    if before.fixed != after.fixed or is_held:
+    if before.fixed != after.fixed or any(p.std == 0 and p.change for p in parameters):
         notes += ['the calibrations hold other parameters fixed: a wrong fixed value looks like a change']
     return notes + [f'{record.source} is unfit for use' for record in (before, after) if record.arm.grade == 'unfit']

@@ -27,7 +27,7 @@ of the cell, so that touches on the objects of the calibration are predicted bet
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -115,9 +115,9 @@ class State(NamedTuple):
         plausible = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}  # sizes of errors of the cell
         scale = np.concatenate([scales_of(arm.model), [plausible[unit] for unit in of_cell]])
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
-        values, same = len(arm.model.names), described_alike(arm.cell, cell)
+        values, others = len(arm.model.names), described_otherwise(arm.cell, cell)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        known = [k for k, name in enumerate(record.names) if k < values or same(name)]
+        known = [k for k, name in enumerate(record.names) if k < values or _target(name) not in others]
         places = [k if k < values else values + probe.names.index(record.names[k]) for k in known]
         covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
         mean[places] = record.values[known]
@@ -138,13 +138,17 @@ class State(NamedTuple):
         return self.names.index(name)
 
 
-def described_alike(one: Cell, other: Cell) -> Callable[[str], bool]:
-    """Whether an error or an effect, by name or label, is of the same thing in two cells: not of an object that one
-    lacks or that they describe otherwise, but for its uncertainty. A description may have been corrected.
+def described_otherwise(one: Cell, other: Cell) -> set[str]:
+    """Names of the objects and plates that are not the same thing in two cells: one lacks them, or describes them
+    otherwise, but for their uncertainty. A description may have been corrected.
     """
     first, second = ({item.name: item for item in _with_stds(cell, 0.0)} for cell in (one, other))
-    different = {name for name in first.keys() | second.keys() if first.get(name) != second.get(name)}
-    return lambda name: name.partition('[')[2].partition(']')[0] not in different
+    return {name for name in first.keys() | second.keys() if first.get(name) != second.get(name)}
+
+
+def _target(name: str) -> str:
+    """The object of an error, such as ``disc_1`` of ``object_position[disc_1].x``; empty where it is of none."""
+    return name.partition('[')[2].partition(']')[0]
 
 
 def _with_stds(cell: Cell, std: float) -> list[Any]:
