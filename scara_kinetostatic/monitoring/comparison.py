@@ -227,8 +227,8 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     for name in names:
         place = state.place(name)
         value, (change, std) = float(known.values[place]), found.get(place, (_difference(name, both), 0.0))
-        ends = (value, value + change) if held is after else (value - change, value)
-        parameters.append(ParameterChange(name, state.units[place], *ends, std))
+        first, last = (value, value + change) if held is after else (value - change, value)
+        parameters.append(ParameterChange(name, state.units[place], first, last, std))
     off = after.tip_moved(before.arm, after.arm)
     return Change(
         before=before,
