@@ -1,37 +1,25 @@
 """What changed between two calibrations of one robot, in its uncertainty.
 
-Both estimates are moved by the same errors of the cell description: the discs stand where they stood. With G the change
-of an estimate by an error of one standard uncertainty, its column of the joint covariance, the difference has the
-covariance
+The touches of one calibration are held against the other one, as `verify` holds new ones (`linear`): with the joint
+covariance C₀ of its values and of the errors of the cell they are evidence for a change of the values,
 
-    S = N_A + N_B + Σ_common (G_A - G_B)(G_A - G_B)ᵀ + Σ_others G Gᵀ,
+    d = Λ⁻¹ b,    cov d = Λ⁻¹,    dᵀ Λ d ~ χ²,
 
-N what noise and the choice among credible models contribute. Two calibrations by the same plan have nearly the same G,
-and declared errors cancel. Sources are common where both cells describe the same thing alike: an object of the same
-name, place, radius and uncertainty, the same sensor, the same trusted nominal value.
+b and Λ of the values that may have changed. Errors of the cell description are the same in both, as are undetected
+effects of the robot, which are values of its model: C₀ says how they moved the estimates and predicts what they do to
+the touches, so they cancel. The discs stand where they stood. An object that the cells describe otherwise is another
+one (`linear.described_otherwise`). What undetected effects of objects and sensor do to the values is
 
-Where one calibration found an effect that the other lacks, the other is extended by it, by its own touches
-(`extended`): a disc that moved since is then a difference of its place, instead of one that only one model knows.
+    S = (G_A - G_B)(G_A - G_B)ᵀ,
 
-Directions that either calibration does not determine are left out: only combinations of values that both determine are
-compared. The global test is Δᵀ S⁺ Δ ~ χ²; where the noise was estimated, the F distribution takes its place. Which part
-moved says the likelihood ratio of each hypothesis (`hypotheses`). An object that moved shows by what its move does to
-the second estimate, C Jᵀ J_e.
+with G the change of the estimates by one standard deviation of each, and is added to C₀. Where the noise was estimated,
+the F distribution takes the place of χ².
 
-**The fit again, linearised** (`Fit`). The joint covariance of a record also holds what the choice among credible models
-contributes. The estimates themselves are those of one model, and follow their data by that model alone: x = Ĉ Jᵀ r,
-with Ĉ = (JᵀJ + Λ)⁻¹ and Λ the prior information of declared errors and trusted nominal values.
+The calibration that names more effects is the one that the touches of the other are held against: each of its effects
+is a value that may have changed. Effects that are not comparable (`is_comparable`) are taken as each calibration found
+them for its own touches. Directions that either calibration does not determine are left out.
 
-**Further effects** (`extended`). With r and J the whitened residuals and the derivatives of `linear` at the calibrated
-values, K those by the values θ of the further effects, and Ĉ the covariance of all that was free in the fit,
-
-    θ = (Kᵀ W K)⁻¹ Kᵀ r,    W = I - J Ĉ Jᵀ,    cov θ = (Kᵀ W K)⁻¹,
-
-and the values that the calibration has change by -M θ, M = Ĉ Jᵀ K, with the further covariance M cov θ Mᵀ. r contains
-what the declared errors have been estimated at; at the optimum it is orthogonal to all of J but their prior.
-
-K is taken at the values that the other calibration has found: the direction of a periodic effect, say, has no
-derivative where its amplitude is zero. What the touches do not show of θ is undetermined.
+Which part moved says the likelihood ratio of each hypothesis (`hypotheses`).
 """
 
 from __future__ import annotations
@@ -42,84 +30,33 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 from scipy.special import erfc
 
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import effect_entry, read_effect
-from scara_kinetostatic.model.arrays import Floats, Indices, rms
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
-from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
-from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, stated_uncertainties
+from scara_kinetostatic.monitoring.hypotheses import Causes, explanations, hypotheses_of
+from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_otherwise, measure, p_values
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
 """p-value below which two calibrations differ. Source: the accepted rate of false alarms of the diagnosis."""
 
 
-class Fit(NamedTuple):
-    """The linearised fit.
-
-    Attributes:
-        state: what may be off.
-        jacobian: J of the touches of the calibration, in units of the scale of the state, (2n, p).
-        knowledge: Ĉ in the same units, (p, p): zero for what was held, exactly known or not determined.
-    """
-
-    state: State
-    jacobian: Floats
-    knowledge: Floats
-
-    @classmethod
-    def of(cls, record: CalibrationRecord, held: Indices | None = None) -> Fit:
-        """That of a calibration; `held` are places of values that count as held, besides those that were."""
-        state = State.of(record).of_stored_forces()
-        jacobian = measure(record.touches, record, state).jacobian.reshape(-1, len(state.names))
-        prior = np.full(len(state.names), np.inf)  # Λ: infinite for errors that are not declared
-        prior[: state.values] = 0.0
-        for name, std in stated_uncertainties(record.arm.cell).items():
-            place = state.stated_place(name)
-            prior[place] = (state.scale[place] / std) ** 2 / record.enlargement
-        prior[[record.place(name) for name in (*record.fixed, *record.arm.model.held)]] = np.inf
-        prior[[] if held is None else held] = np.inf
-        free = np.flatnonzero(np.isfinite(prior))
-        rows = jacobian[:, free]
-        values, vectors = np.linalg.eigh(rows.T @ rows + np.diag(prior[free]))
-        kept = values > 1e-9 * float(values.max(initial=1e-12))  # else not determined
-        knowledge = np.zeros((len(prior), len(prior)))
-        knowledge[np.ix_(free, free)] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-        return cls(state, jacobian, knowledge)
-
-    def by_stated(self, record: CalibrationRecord) -> dict[str, Floats]:
-        """What an error of one standard uncertainty of each stated value does to the estimates, by name, (p,), SI."""
-        found = {}
-        for name, std in stated_uncertainties(record.arm.cell).items():
-            place, sign = self.state.stated_place(name), 1.0 if name.startswith('nominal[') else -1.0
-            size = sign * self.state.scale[place] / (std * np.sqrt(record.enlargement))
-            found[name] = self.state.scale * self.knowledge[:, place] * size
-        return found
-
-
 def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
     """Whether an effect means the same in the recordings of two cells.
 
-    Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor an error of
-    an object that the cells describe otherwise: a description may have been corrected.
+    Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor what is of
+    an object that the cells describe otherwise.
     """
-    if effect.is_stepwise or effect.off_normal_std:
-        return False
-    stated = []
-    for cell in (one, other):
-        objects = {plate.name: (plate.x, plate.y) for plate in cell.plates}
-        objects |= {d.name: d.corners if isinstance(d, Outline) else (d.x, d.y, d.radius) for d in cell.discs}  # type: ignore[misc]
-        stated.append(objects.get(getattr(effect, 'target', '')))
-    return stated[0] == stated[1]
+    is_of_another = getattr(effect, 'target', '') in described_otherwise(one, other)
+    return not (effect.is_stepwise or effect.off_normal_std or is_of_another)
 
 
 def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:
@@ -128,63 +65,50 @@ def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw
     return [e for e in record.arm.effects if (e.label, e.off_normal_std > 0) not in theirs]
 
 
-def _with_effects_of(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
-    """A calibration extended by the effects that another one has found and that can be compared; as it is where its fit
-    has undetected effects, for these are among them.
+def _known_there(known: CalibrationRecord, later: CalibrationRecord) -> CalibrationRecord:
+    """What a calibration knows of the robot in the touches of another one: with its effects that mean the same there,
+    and with those of the other that mean nothing here, as these were found.
     """
-    if record.undetected.columns:
-        return record
-    cell, model = record.arm.cell, other.arm.model
-    own = {effect.label for effect in record.arm.model.effects}
-    values = dict(zip((effect.label for effect in model.effects), model.effect_values, strict=True))
-    missing = [e for e in alone(other, record) if e.label not in own and is_comparable(e, cell, other.arm.cell)]
-    effects, discs = [], [disc.name for disc in cell.discs]
-    for entry in map(effect_entry, missing):  # the cell may number its objects otherwise
-        fields = {name: value for name, value in entry['fields'].items() if name not in ('discs', 'plate')}
-        if 'disc' in fields and fields.get('target') in discs:
-            fields['disc'] = discs.index(fields['target'])
-        effects.append(read_effect(entry | {'fields': fields}, cell, other.source))
-    return extended(record, effects, [values[effect.label] for effect in effects]) if effects else record
+    record, cell = known.without_undetected(), later.arm.cell
+    arm, size = record.arm, len(record.arm.model.names)
+
+    def model_of(pairs: Sequence[tuple[EffectLaw, tuple[float, ...]]]) -> ExtendedModel:
+        effects = [_in_cell(effect, cell, known.source) for effect, _ in pairs]
+        return ExtendedModel(arm.model.parameters, tuple(effects), tuple(values for _, values in pairs))
+
+    mine, theirs = (list(zip(m.effects, m.effect_values, strict=True)) for m in (arm.model, later.arm.model))
+    kept = [pair for pair in mine if is_comparable(pair[0], arm.cell, cell)]
+    model = model_of([*kept, *(pair for pair in theirs if not is_comparable(pair[0], arm.cell, cell))])
+    at = [arm.model.names.index(name) for name in model_of(kept).names]
+    at += [-1] * (len(model.names) - len(at))  # exactly known: the row and column of zeros at the end
+    every = [*at, *range(size, len(record.names))]
+    covariance, values = np.pad(record.covariance, (0, 1))[np.ix_(every, every)], len(at)
+    moved = _by_undetected(known.undetected, later.undetected, model.names)
+    covariance[:values, :values] += moved @ moved.T
+    return replace(
+        record,
+        arm=replace(
+            arm,
+            model=model,
+            covariance=covariance[:values, :values],
+            undetermined=np.pad(arm.undetermined, ((0, 1), (0, 0)))[at],
+        ),
+        names=(*model.names, *record.names[size:]),
+        values=np.concatenate([model.as_array(), record.values[size:]]),
+        covariance=covariance,
+    )
 
 
-def extended(
-    record: CalibrationRecord, effects: Sequence[EffectLaw], at: Sequence[tuple[float, ...]]
-) -> CalibrationRecord:
-    """A calibration with further effects, whose values its touches determine.
-
-    Args:
-        record: the calibration.
-        effects: that it lacks.
-        at: values of each at which it is linearised.
-    """
-    m, size = record.arm.model, len(record.arm.model.names)
-    model = ExtendedModel(m.parameters, (*m.effects, *effects), (*m.effect_values, *map(tuple, at)))
-    total = len(model.names)
-    new, names = np.arange(size, total), (*model.names, *record.names[size:])
-    gap = [size] * len(new)
-    before = np.insert(np.insert(record.covariance, gap, 0.0, axis=0), gap, 0.0, axis=1)
-    undetermined = np.insert(record.arm.undetermined, gap, 0.0, axis=0)
-    arm = replace(record.arm, model=model, covariance=before[:total, :total], undetermined=undetermined)
-    wide = replace(record, arm=arm, names=names, values=np.insert(record.values, gap, 0.0), covariance=before)
-    residual = measure(record.touches, record, State.of(record).of_stored_forces()).residual.ravel()
-    state, jacobian, knowledge = Fit.of(wide, new)
-    columns = jacobian[:, new]
-    by_new = -knowledge @ (jacobian.T @ columns)  # -M
-    information = columns.T @ (columns + jacobian @ by_new)
-    by_new[new] += np.eye(len(new))
-    values, vectors = np.linalg.eigh((information + information.T) / 2)
-    shown = values > 1e-9 * float((columns**2).sum(axis=0).max(initial=1e-12))  # else the touches do not show it
-    directions = vectors[:, shown] / np.sqrt(values[shown])
-    root = by_new @ directions
-    found = root @ (directions.T @ (columns.T @ residual))
-    places = [*range(total), *(state.error_place(name) for name in names[total:])]
-    scale = state.scale[places]
-    further = scale[:, None] * root[places]
-    estimates, covariance = wide.values + scale * found[places], before + further @ further.T
-    hidden = scale[:total, None] * (by_new @ vectors[:, ~shown])[:total]
-    model, undetermined = model.with_array(estimates[:total]), np.hstack([arm.undetermined, hidden])
-    arm = replace(arm, model=model, covariance=covariance[:total, :total], undetermined=undetermined)
-    return replace(wide, arm=arm, values=estimates, covariance=covariance)
+def _in_cell(effect: EffectLaw, cell: Cell, source: str) -> EffectLaw:
+    """An effect in a cell that may number its objects otherwise."""
+    target, discs = getattr(effect, 'target', ''), [disc.name for disc in cell.discs]
+    if target not in discs:
+        return effect
+    entry = effect_entry(effect)
+    fields = {name: value for name, value in entry['fields'].items() if name not in ('discs', 'plate')}
+    if 'disc' in fields:
+        fields['disc'] = discs.index(target)
+    return read_effect(entry | {'fields': fields}, cell, source)
 
 
 class ParameterChange(NamedTuple):
@@ -275,98 +199,107 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
 
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     """What changed from one calibration of a robot to the next; it has the same undetected effects in both."""
-    undetected = before.undetected, after.undetected
-    before, after = before.without_undetected(), after.without_undetected()
-    both = _with_effects_of(before, after), _with_effects_of(after, before)
-    cells = before.arm.cell, after.arm.cell
+    both, cells = (before, after), (before.arm.cell, after.arm.cell)
+    only_before, only_after = (tuple(effect.label for effect in alone(*pair)) for pair in (both, both[::-1]))
     effects = (*before.arm.model.effects, *after.arm.model.effects)
     not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
-    names = [name for name in both[0].arm.model.names if name in both[1].arm.model.names]
-    names = [n for n in names if n in UNITS or not (n.startswith(UNDETECTED) or n.rpartition('.')[0] in not_compared)]
-    fits = [Fit.of(record) for record in both]
-    state = fits[1].state
-    scale = state.scale[[state.place(name) for name in names]]
-    undetermined = [r.arm.undetermined[[r.arm.model.names.index(name) for name in names]] for r in both]
-    hidden = np.concatenate(undetermined, axis=1)
-    parameters, s = _differences(both, fits, names, hidden, _by_undetected(*undetected, names))
-    kept = null_space((hidden / scale[:, None]).T, rcond=1e-9).T if hidden.size else np.eye(len(names))
-    difference = np.array([p.change for p in parameters]) / scale
-    sizes, vectors = np.linalg.eigh(kept @ (s / np.outer(scale, scale)) @ kept.T)
-    large = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-30)  # smaller: both hold it fixed
-    is_held = bool(np.abs(vectors[:, ~large].T @ (kept @ difference)).max(initial=0.0) > 1e-9)
-    root = (vectors[:, large] / np.sqrt(sizes[large])).T @ kept
-    chi_square, freedoms = float(((root @ difference) ** 2).sum()), len(root)
-    noise = sum(r.noise_freedoms for r in (before, after) if np.isfinite(r.noise_freedoms)) or np.inf
-    p_value = float(p_values(chi_square, freedoms, noise))
+    known, held = both if len(only_before) >= len(only_after) else both[::-1]
+    known = _known_there(known, held)
+    state = State.of(known, held.arm.cell)
+    evidence = _evidence(known, held, state)
+    if held is before:  # the change from it is asked for
+        evidence = evidence._replace(score=-evidence.score)
+    evidence = evidence.beside(_undetermined(both, state))
+    names = [name for name in known.arm.model.names if not name.startswith(UNDETECTED)]
+    names = [name for name in names if name in UNITS or name.rpartition('.')[0] not in not_compared]
+    tested = [state.place(name) for name in names if not _is_fixed(name, both)]
+    test = evidence.ratio(tested)
+    noise = sum(r.noise_freedoms for r in both if np.isfinite(r.noise_freedoms)) or np.inf
+    p_value = float(p_values(test.statistic, test.freedoms, noise))
     causes = Causes()
     if p_value < LEVEL:
-        evidence = _evidence(root, difference, names, fits[1], len(both[1].arm.model.names))
-        single = {k for k, name in enumerate(state.names[: state.values]) if name not in names}  # not in both
-        among = [h for h in hypotheses_of(state) if not {*h.places} & single]
-        causes = Causes.of(evidence, state, among, (chi_square, freedoms, noise))
+        others = {*range(state.values)} - {*tested}
+        ranking = explanations(evidence, state, [h for h in hypotheses_of(state) if not {*h.places} & others])
+        total = evidence.ratio(sorted({*tested, *ranking[0].hypothesis.places}))
+        causes = Causes.of(ranking, (total.statistic, total.freedoms, noise))
+    found = dict(zip(tested, (state.scale[tested] * [test.change, test.std]).T.tolist(), strict=True))
+    parameters = []
+    for name in names:
+        place = state.place(name)
+        value, (change, std) = float(known.values[place]), found.get(place, (_difference(name, both), 0.0))
+        first, last = (value, value + change) if held is after else (value - change, value)
+        parameters.append(ParameterChange(name, state.units[place], first, last, std))
     off = after.tip_moved(before.arm, after.arm)
-    tip, largest = rms(off), float(off.max(initial=0.0))
-    own, its = (tuple(effect.label for effect in alone(*pair)) for pair in ((before, after), (after, before)))
-    notes = tuple(_notes(before, after, is_held, [p.name for p in parameters if np.isnan(p.std)]))
-    test = chi_square, freedoms, p_value
-    return Change(before, after, parameters, *test, causes, tip, largest, own, its, not_compared, notes)
+    return Change(
+        before=before,
+        after=after,
+        parameters=tuple(parameters),
+        chi_square=test.statistic,
+        degrees_of_freedom=test.freedoms,
+        p_value=p_value,
+        causes=causes,
+        tip=rms(off),
+        largest_tip=float(off.max(initial=0.0)),
+        only_before=only_before,
+        only_after=only_after,
+        not_compared=not_compared,
+        notes=tuple(_notes(before, after, parameters)),
+    )
 
 
-def _differences(
-    both: Sequence[CalibrationRecord], fits: Sequence[Fit], names: list[str], hidden: Floats, by_undetected: Floats
-) -> tuple[tuple[ParameterChange, ...], Floats]:
-    """Of values that both have, one by one, and S of them, SI, (p, p)."""
-    places = [[record.place(name) for name in names] for record in both]
-    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip(both, places, strict=True)]
-    s = covariances[0] + covariances[1] + by_undetected @ by_undetected.T
-    by_stated = [fit.by_stated(record) for fit, record in zip(fits, both, strict=True)]
-    cells = [record.arm.cell for record in both]
-    same = same_sources(*cells)
-    for name, _ in stated_uncertainties(cells[0]).items() & stated_uncertainties(cells[1]).items():
-        if same(name):  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
-            one, other = (found[name][where] for found, where in zip(by_stated, places, strict=True))
-            s -= np.outer(one, other) + np.outer(other, one)
-    std = np.sqrt(np.clip(np.diag(s), 0.0, None))
-    independent = np.sqrt(np.clip(np.diag(covariances[0] + covariances[1]), 0.0, None))
-    std[np.linalg.norm(hidden, axis=1) > independent] = np.nan
-    units = [fits[1].state.units[place] for place in places[1]]
-    values = (record.values[where].tolist() for record, where in zip(both, places, strict=True))
-    return tuple(map(ParameterChange, names, units, *values, std.tolist())), s
+def _evidence(known: CalibrationRecord, held: CalibrationRecord, state: State) -> Evidence:
+    """What the touches of a calibration, with its noise, say of a change since another one."""
+    model = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
+    return Evidence.of(Information.of(measure(held.touches, model, state)), state.covariance)
+
+
+def _difference(name: str, both: Sequence[CalibrationRecord]) -> float:
+    """Of a value of which neither calibration says more; 0 where one lacks it."""
+    one, other = (record.values[record.place(name)] if name in record.names else np.nan for record in both)
+    return float(np.nan_to_num(other - one))
+
+
+def _is_fixed(name: str, both: Sequence[CalibrationRecord]) -> bool:
+    """Whether both calibrations hold a value."""
+    return all(name in record.fixed or name in record.arm.model.held for record in both)
+
+
+def _undetermined(both: Sequence[CalibrationRecord], state: State) -> Floats:
+    """Directions of the state that one of two calibrations does not determine, in units of its scale, (p, u)."""
+    columns = []
+    for record in both:
+        names, part = record.arm.model.names, record.arm.undetermined
+        column = np.zeros((len(state.names), part.shape[1]))
+        own = [name for name in state.names[: state.values] if name in names]
+        column[[state.place(name) for name in own]] = part[[names.index(name) for name in own]]
+        columns.append(column / state.scale[:, None])
+    return np.concatenate(columns, axis=1)
 
 
 def _by_undetected(before: UndetectedErrors, after: UndetectedErrors, names: Sequence[str]) -> Floats:
-    """Changes of the difference of values by one standard deviation of each undetected effect, SI, (p, u).
-
-    The robot has the same ones in both calibrations, but other touches show other parts of them.
+    """Changes of the difference of values by one standard deviation of each undetected effect of objects and sensor,
+    SI, (p, u): they are the same in both calibrations, but other touches show other parts of them.
     """
-    sizes = (zip(one.columns, zip(one.size, one.at(names).T, strict=True), strict=True) for one in (before, after))
-    parts, found = [dict(each) for each in sizes], []
+    parts: list[dict[str, tuple[float, Floats]]] = []
+    for one in (before, after):
+        rows = zip(one.columns, one.of_robot, one.size.tolist(), one.at(names).T, strict=True)
+        parts.append({column: (size, moved) for column, of_robot, size, moved in rows if not of_robot})
+    found, nothing = [], (0.0, np.zeros(len(names)))
     for column in parts[0].keys() | parts[1].keys():
-        (size, moved), (other_size, other) = (part.get(column, (0.0, np.zeros(len(names)))) for part in parts)
+        (size, moved), (other_size, other) = (part.get(column, nothing) for part in parts)
         one = (size * other_size) ** 0.5
         found.append(other * (one / other_size) - moved * (one / size) if one else moved + other)
     return np.array(found).reshape(-1, len(names)).T
 
 
-def _evidence(root: Floats, difference: Floats, names: Sequence[str], fit: Fit, values: int) -> Evidence:
-    """Evidence for changes of values and of the cell, in the state of the second calibration."""
-    where = [fit.state.place(name) for name in names]
-    response = np.zeros((len(names), len(fit.state.names)))
-    response[np.arange(len(names)), where] = 1.0
-    by_errors = fit.knowledge @ (fit.jacobian.T @ fit.jacobian)  # change of the estimates by true errors, Ĉ JᵀJ
-    response[:, values:] = by_errors[where][:, values:]
-    rows = root @ response
-    return Evidence(rows.T @ (root @ difference), rows.T @ rows)
-
-
-def _notes(before: CalibrationRecord, after: CalibrationRecord, is_held: bool, single: Sequence[str]) -> list[str]:
+def _notes(before: CalibrationRecord, after: CalibrationRecord, parameters: Sequence[ParameterChange]) -> list[str]:
     """What limits a comparison."""
-    notes = []
+    notes, single = [], [p.name for p in parameters if np.isnan(p.std)]
     if single:
         notes += [f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all']
     if before.checksums & after.checksums:
         same = 'both calibrations contain the same recording'
         notes += [f'{same}: they are not independent, and the p-value is not valid']
-    if before.fixed != after.fixed or is_held:
+    if before.fixed != after.fixed or any(p.std == 0 and p.change for p in parameters):
         notes += ['the calibrations hold other parameters fixed: a wrong fixed value looks like a change']
     return notes + [f'{record.source} is unfit for use' for record in (before, after) if record.arm.grade == 'unfit']

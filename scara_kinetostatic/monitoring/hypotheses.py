@@ -144,9 +144,9 @@ def explanations(evidence: Evidence, state: State, among: Sequence[Hypothesis]) 
     """Every hypothesis, the best first."""
     found = []
     for hypothesis in among:
-        statistic, *sizes = evidence.ratio(hypothesis.places)
-        change, std = (tuple((state.scale[list(hypothesis.places)] * part).tolist()) for part in sizes)
-        found.append(Explanation(hypothesis, statistic, change, std))
+        ratio, scale = evidence.ratio(hypothesis.places), state.scale[list(hypothesis.places)]
+        change, std = (tuple((scale * part).tolist()) for part in (ratio.change, ratio.std))
+        found.append(Explanation(hypothesis, ratio.statistic, change, std))
     return sorted(found, key=lambda item: -item.score)
 
 
@@ -172,12 +172,9 @@ class Causes(NamedTuple):
     remaining_p_value: float = 1.0
 
     @classmethod
-    def of(
-        cls, evidence: Evidence, state: State, among: Sequence[Hypothesis], test: tuple[float, int, float]
-    ) -> Causes:
-        """Of evidence with a test: a chi-square, its degrees of freedom, and those of the noise."""
+    def of(cls, ranking: Sequence[Explanation], test: tuple[float, int, float]) -> Causes:
+        """Of a ranking, and of a test of all evidence: chi-square, its degrees of freedom, and those of the noise."""
         chi_square, freedoms, noise = test
-        ranking = explanations(evidence, state, among)
         left = max(chi_square - ranking[0].statistic, 0.0)
         freedoms = max(freedoms - len(ranking[0].change), 0)
         remaining = 1.0 if left < LINEAR * chi_square else float(p_values(left, freedoms, noise))

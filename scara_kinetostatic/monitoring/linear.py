@@ -27,7 +27,7 @@ of the cell, so that touches on the objects of the calibration are predicted bet
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -40,7 +40,7 @@ from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
@@ -100,14 +100,14 @@ class State(NamedTuple):
 
         Errors of objects that the calibration does not know, or knows otherwise, are as the cell declares them.
         """
+        cell = record.arm.cell if cell is None else cell
+        if record.arm.cell.discs == cell.discs:  # their undetected errors are what they were
+            record = record.without_undetected()
         arm = record.arm
-        cell = arm.cell if cell is None else cell
 
-        def declared(items: Sequence[Any]) -> Any:
-            return tuple(one._replace(**{name: 1.0 for name in one._fields if name.endswith('_std')}) for one in items)
-
-        every = {'discs': declared(cell.discs), 'plates': declared(cell.plates)}
-        probe = DeclaredErrors.of(replace(cell, **every, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
+        every = _with_stds(cell, 1.0)
+        discs, plates = tuple(every[: len(cell.discs)]), tuple(every[len(cell.discs) :])
+        probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
@@ -115,18 +115,15 @@ class State(NamedTuple):
         plausible = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}  # sizes of errors of the cell
         scale = np.concatenate([scales_of(arm.model), [plausible[unit] for unit in of_cell]])
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
-        values, same = len(arm.model.names), same_sources(arm.cell, cell)
+        values, others = len(arm.model.names), described_otherwise(arm.cell, cell)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        known = [k for k, name in enumerate(record.names) if k < values or same(name)]
-        places = [k if k < values else values + names[values:].index(record.names[k]) for k in known]
+        known = [k for k, name in enumerate(record.names) if k < values or _target(name) not in others]
+        places = [k if k < values else values + probe.names.index(record.names[k]) for k in known]
         covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
         mean[places] = record.values[known]
-        if arm.cell.discs == cell.discs:  # their undetected errors are what they were
-            undetected = record.undetected
-            part = undetected.of_all(len(record.names))[known][:, np.equal(undetected.of_robot, False)]
-            covariance[np.ix_(places, places)] -= part @ part.T
-        for name, std in stated_uncertainties(cell).items():
-            if name in names[values:] and (place := values + names[values:].index(name)) not in places:
+        declared = DeclaredErrors.of(cell)
+        for name, std in zip(declared.names, declared.units, strict=True) if declared else ():
+            if (place := values + probe.names.index(name)) not in places:
                 covariance[place, place] = std**2
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
         return cls(names, units, scale, probe.cell, mean[values:], covariance / np.outer(scale, scale))
@@ -140,43 +137,24 @@ class State(NamedTuple):
         """Position of a value of the model or, if it has none of that name, of an error of the cell."""
         return self.names.index(name)
 
-    def error_place(self, name: str) -> int:
-        """Position of an error of the cell; an effect of the model may have the same name."""
-        return self.values + self.names[self.values :].index(name)
 
-    def stated_place(self, name: str) -> int:
-        """Position of what `stated_uncertainties` names."""
-        if name.startswith('nominal['):
-            return self.place(name.removeprefix('nominal[').rstrip(']'))
-        return self.error_place(name)
-
-    def of_stored_forces(self) -> State:
-        """For touches whose forces are corrected for the errors of the sensor, as `CalibrationRecord.touches`."""
-        errors = self.errors.copy()
-        for name in ('force_gain', 'force_rotation'):
-            errors[self.error_place(name) - self.values] = 0.0
-        return self._replace(errors=errors)
+def described_otherwise(one: Cell, other: Cell) -> set[str]:
+    """Names of the objects and plates that are not the same thing in two cells: one lacks them, or describes them
+    otherwise, but for their uncertainty. A description may have been corrected.
+    """
+    first, second = ({item.name: item for item in _with_stds(cell, 0.0)} for cell in (one, other))
+    return {name for name in first.keys() | second.keys() if first.get(name) != second.get(name)}
 
 
-def stated_uncertainties(cell: Cell) -> dict[str, float]:
-    """Standard uncertainty of each declared error and, as ``nominal[l1]``, of each trusted nominal value, SI."""
-    declared = DeclaredErrors.of(cell)
-    found = dict(zip(declared.names, declared.units.tolist(), strict=True)) if declared else {}
-    return found | {f'nominal[{name}]': std for name, std in cell.uncertainty.nominal.items()}
+def _target(name: str) -> str:
+    """The object of an error, such as ``disc_1`` of ``object_position[disc_1].x``; empty where it is of none."""
+    return name.partition('[')[2].partition(']')[0]
 
 
-def same_sources(known: Cell, cell: Cell) -> Callable[[str], bool]:
-    """Whether an error, by name, is of a source of uncertainty that is the same thing in two cells."""
-
-    def described(cell: Cell) -> dict[str, object]:
-        errors = ('position', 'radius', 'offset', 'rotation')
-        objects = {f'object_{what}[{disc.name}]': disc for disc in cell.discs for what in errors}
-        plates = {f'plate_{what}[{plate.name}]': plate for plate in cell.plates for what in ('position', 'angle')}
-        return {**objects, **plates, **{f'nominal[{name}]': v for name, v in cell.nominal.as_dict().items()}}
-
-    one, other = map(described, (known, cell))
-    same = {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
-    return lambda name: name.removesuffix('.x').removesuffix('.y') in same
+def _with_stds(cell: Cell, std: float) -> list[Any]:
+    """The objects and plates of a cell with other uncertainties."""
+    objects: tuple[Any, ...] = (*cell.discs, *cell.plates)
+    return [one._replace(**{name: std for name in one._fields if name.endswith('_std')}) for one in objects]
 
 
 class Measured(NamedTuple):
@@ -260,6 +238,22 @@ class Information(NamedTuple):
         return Information(faded * self.matrix + other.matrix, faded * self.score + other.score)
 
 
+class Ratio(NamedTuple):
+    """Likelihood ratio of a change of k values.
+
+    Attributes:
+        statistic: T.
+        freedoms: its degrees of freedom.
+        change: estimate, in units of the scale, (k,).
+        std: of the change, (k,); NaN where the touches do not determine it.
+    """
+
+    statistic: float
+    freedoms: int
+    change: Floats
+    std: Floats
+
+
 class Evidence(NamedTuple):
     """What touches say of a change of the state, given an earlier knowledge of it.
 
@@ -280,18 +274,22 @@ class Evidence(NamedTuple):
         solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
         return cls(solved[:, size], (solved[:, :size] + solved[:, :size].T) / 2)
 
-    def ratio(self, places: Sequence[int]) -> tuple[float, Floats, Floats]:
-        """Likelihood ratio statistic T of a change of some values, the change and its std in units of the scale.
+    def beside(self, columns: Floats) -> Evidence:
+        """What is independent of changes along columns, (p, k), in units of the scale."""
+        along = self.matrix @ columns
+        inverse = np.linalg.pinv(columns.T @ along, rcond=1e-9, hermitian=True)
+        matrix = self.matrix - along @ inverse @ along.T
+        return Evidence(self.score - along @ inverse @ (columns.T @ self.score), (matrix + matrix.T) / 2)
 
-        Directions of which the touches say nothing do not count; std is NaN where there is one.
-        """
+    def ratio(self, places: Sequence[int] | Indices) -> Ratio:
+        """Of a change of some values; directions of which the touches say nothing do not count."""
         where = list(places)
         values, vectors = np.linalg.eigh(self.matrix[np.ix_(where, where)])
         kept = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
         root = vectors[:, kept] / np.sqrt(values[kept])
-        change = root @ (root.T @ self.score[where])
-        std = np.linalg.norm(root, axis=1) if kept.all() else np.full(len(where), np.nan)
-        return float(self.score[where] @ change), change, std
+        change, std = root @ (root.T @ self.score[where]), np.linalg.norm(root, axis=1)
+        std[np.linalg.norm(vectors[:, ~kept], axis=1) > std] = np.nan  # by its plausible size, one unit
+        return Ratio(float(self.score[where] @ change), int(kept.sum()), change, std)
 
 
 class PredictionTest(NamedTuple):

@@ -16,17 +16,16 @@ import numpy as np
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Uncertainty
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import reported_force
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite, undetected_part
@@ -89,7 +88,8 @@ class CalibrationRecord:
                 raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
             if not len(record.touches):
                 raise ValueError('there is no used touch')
-            if (np.diag(record.without_undetected().covariance) < -1e-2 * np.diag(record.covariance)).any():
+            moved = record.undetected.of_all(len(record.names))
+            if ((moved**2).sum(axis=1) > 1.01 * np.diag(record.covariance)).any():
                 raise ValueError('covariance_with_cell: undetected effects exceed it')
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
@@ -112,10 +112,13 @@ class CalibrationRecord:
         return UndetectedErrors(rows, columns, of_robot, size, matrix)
 
     def without_undetected(self) -> CalibrationRecord:
-        """The same without what undetected effects contribute to its covariance."""
-        size, moved = len(self.arm.model.names), self.undetected.of_all(len(self.names))
+        """The same without what undetected effects of objects and sensor contribute to its covariance."""
+        size, document = len(self.arm.model.names), dict(self.document)
+        moved = self.undetected.of_all(len(self.names))[:, np.equal(self.undetected.of_robot, False)]
         covariance = self.covariance - moved @ moved.T
-        return replace(self, arm=replace(self.arm, covariance=covariance[:size, :size]), covariance=covariance)
+        document['covariance_with_cell'] = {**document['covariance_with_cell'], 'undetected': None}
+        arm = replace(self.arm, covariance=covariance[:size, :size])
+        return replace(self, document=document, arm=arm, covariance=covariance)
 
     def planner(self, cell: Cell, touches: TouchSet | None) -> Planner:
         """What the touches to make next are planned by.
@@ -186,7 +189,7 @@ class CalibrationRecord:
 
     @cached_property
     def touches(self) -> TouchSet:
-        """The used touches of the calibration as its sensor reported them, but for its declared errors.
+        """The used touches of the calibration as its sensor reported them.
 
         Raises:
             KeyError, TypeError, ValueError: they are damaged.
@@ -210,13 +213,14 @@ class CalibrationRecord:
             history=stacked_histories([row.get('history', ()) for row in rows], joints),
             surface=np.array([row.get('surface', -1) for row in rows], dtype=np.intp),
         )
-        return touches.replace(force=reported_force(self.arm.model, force, TouchMetadata.of(touches, frame)))
+        gain, rotation = self.arm.sensor
+        reported = reported_force(self.arm.model, force, TouchMetadata.of(touches, frame))
+        return touches.replace(force=(1 + gain) * rotate(reported, rotation))
 
     @cached_property
     def forces(self) -> Floats:
         """The true forces of `touches` on the object, base frame, (n, 2), N."""
-        cell = replace(self.arm.cell, uncertainty=Uncertainty())
-        return base_force(observe(self.touches, cell), self.arm.model)
+        return np.array([row['force'] for row in self.document['touches']['fitted'] if row['used']])
 
     def tip_moved(self, one: CalibratedArm, other: CalibratedArm) -> Floats:
         """Displacement of the predicted tip from one arm to another at its touches, (n,), m."""

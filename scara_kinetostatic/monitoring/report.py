@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from functools import partial
@@ -74,11 +74,12 @@ def _change(c: Change) -> Document:
 
 def comparison_report(changes: Sequence[Change]) -> Report:
     """The changes between calibrations for the terminal and for `comparison.html`."""
-    common = 'σ of the change: errors that both calibrations share, such as those of the discs’ places, are counted '
-    common += 'only as far as they do not cancel. z: change in σ; p: of one value alone, two-sided.'
+    common = 'Change: fitted with the touches of both, the errors that they share, such as those of the discs’ places, '
+    common += 'and the effects of the one that has more; so it is not just the difference of the values. '
+    common += 'z: change in σ; p: of one value alone, two-sided.'
     sections = []
     for change in changes:
-        blocks: tuple[Block, ...] = (_answer(change), *_values(change), *_causes(change.causes), Note(common))
+        blocks: tuple[Block, ...] = (_answer(change), parameter_table(change), *_causes(change.causes), Note(common))
         sections.append(Section(f'{change.before.source} → {change.after.source}', blocks))
     changed = f'{sum(change.has_changed for change in changes)} of {count(len(changes), "comparison")}'
     is_doubtful = any(_answer(change).level == 'caution' for change in changes)
@@ -112,21 +113,6 @@ def _stated(record: CalibrationRecord, name: str) -> float | None:
     return float(record.values[record.place(name)]) if name in record.arm.model.names else None
 
 
-def _values(change: Change) -> Iterable[Block]:
-    """The values in the files and, where the effects of both had to be added to compare them, those of that fit."""
-    stated = [(_stated(change.before, p.name), _stated(change.after, p.name)) for p in change.parameters]
-    if stated == [(p.before, p.after) for p in change.parameters]:
-        return [parameter_table(change)]
-    rows = []
-    for p, (before, after) in zip(change.parameters, stated, strict=True):
-        one, other = _shown(before, p), _shown(after, p)
-        rows.append((p.name, one.value, other.value, one.unit or other.unit))
-    return [
-        Section('As the files have it', (Table(('', 'from', 'to', ''), ('',) * 4, tuple(rows)),)),
-        Section('Both fitted with the effects of both', (parameter_table(change),)),
-    ]
-
-
 def _shown(value: float | None, p: ParameterChange) -> Shown:
     """A value with the digits of its change, in the unit of its parameter; empty for None."""
     scale = SCALES.get(p.name) or scale_of(max(abs(p.before), abs(p.after)), p.unit)
@@ -134,10 +120,11 @@ def _shown(value: float | None, p: ParameterChange) -> Shown:
 
 
 def parameter_table(change: Change) -> Table:
-    """One row per value."""
+    """One row per value: as the files have it, and its change."""
     rows = []
     for p in change.parameters:
-        before, after, moved = (_shown(value, p) for value in (p.before, p.after, p.change))
+        stated = _stated(change.before, p.name), _stated(change.after, p.name)
+        before, after, moved = (_shown(value, p) for value in (*stated, p.change))
         z, p_value = (f'{p.z:+.1f}', chance(p.p_value)) if np.isfinite(p.z) else (NOT_DETERMINED,) * 2
         rows.append((p.name, before.value, after.value, moved._replace(unit='').text, moved.unit, z, p_value))
     return Table(('', 'from', 'to', 'change ± 1 σ', '', 'z', 'p'), ('',) * 7, tuple(rows))

@@ -29,15 +29,17 @@ from scara_kinetostatic.results.calibration_json import as_document
 assert recordings and run  # fixtures
 
 
-def later(outcome: Outcome, created: str, start: str = '', sha256: str = '', **changes: float) -> CalibrationRecord:
+def later(outcome: Outcome, created: str, start: str = '', sha256: str = '', theta2: float = 0.0) -> CalibrationRecord:
+    """The calibration of the same touches at a later time, the zero of joint 2 changed by an angle in between."""
     document = as_document(outcome)
     document['created'] = created
     document['recordings'] = [{'path': 'a', 'sha256': sha256 or created, 'start': start or None}]
-    for name, change in changes.items():
-        place = document['model']['names'].index(name)
-        document['model']['values'][place] += change
-        document['covariance_with_cell']['values'][place] += change
-        document['parameters'][name]['value'] += change
+    place = document['model']['names'].index('theta2')
+    document['model']['values'][place] += theta2
+    document['covariance_with_cell']['values'][place] += theta2
+    document['parameters']['theta2']['value'] += theta2
+    for row in document['touches']['fitted']:
+        row['joints'] = [row['joints'][0], row['joints'][1] - theta2]
     return CalibrationRecord.of_document(document, f'{created}.json')
 
 
@@ -48,7 +50,7 @@ def execute(path: Path, command: str) -> list[tuple[Any, ...]]:
 
 
 def test_it_keeps_calibrations_in_the_order_of_time(plain: Outcome, tmp_path: Path) -> None:
-    first, second = later(plain, '2026-01-01T00:00:00Z'), later(plain, '2026-02-01T00:00:00Z', l1=1e-4)
+    first, second = later(plain, '2026-01-01T00:00:00Z'), later(plain, '2026-02-01T00:00:00Z', theta2=1e-4)
     history = History(tmp_path / 'a.sqlite', create=True)
     assert history.add([second]) == [True]
     assert history.add([first, second]) == [True, False]
@@ -57,8 +59,8 @@ def test_it_keeps_calibrations_in_the_order_of_time(plain: Outcome, tmp_path: Pa
     assert entries[0].record.document == first.document and entries[0].record.arm.grade == first.arm.grade
     (trend,) = trends_of(entries)
     none, change = trend.changes
-    assert none is None and trend.slow is None and change is not None and change.causes.ranking[0].name == 'l1'
-    query = "SELECT json_extract(document, '$.parameters.l1.value') FROM calibration ORDER BY created"
+    assert none is None and trend.slow is None and change is not None and change.causes.ranking[0].name == 'theta2'
+    query = "SELECT json_extract(document, '$.parameters.theta2.value') FROM calibration ORDER BY created"
     (before,), (after,) = execute(tmp_path / 'a.sqlite', query)
     assert after - before == pytest.approx(1e-4)
 
@@ -75,18 +77,18 @@ def test_time_is_that_of_the_recording_and_the_last_result_of_it_counts(plain: O
 
 
 def test_small_steps_add_up(run: Run, plain: Outcome, tmp_path: Path) -> None:
-    records = [later(plain, f'2026-0{k}-01T00:00:00Z', l1=6e-6 * k) for k in range(1, 5)]
+    records = [later(plain, f'2026-0{k}-01T00:00:00Z', theta2=12e-6 * k) for k in range(1, 5)]
     history = History(tmp_path / 'a.sqlite', create=True)
     history.add(records)
     (trend,) = trends_of(history.entries())
     assert trend.changed == [] and trend.has_crept
-    assert trend.slow is not None and trend.slow.causes.ranking[0].name == 'l1' and trend.since == 1
+    assert trend.slow is not None and trend.slow.causes.ranking[0].name == 'theta2' and trend.since == 1
     page = run('history', 'page', 'a.sqlite')
     assert 'From number 1 to number 4: Changed' in page.out
-    assert 'link 1 changed its length' in page.out.replace('\n', ' ')
+    assert 'the zero of joint 2 changed' in page.out.replace('\n', ' ')
     text = Path('history/history.html').read_text()
     assert 'class="verdict caution"' in text and 'days since the first' in text
-    history.add([later(plain, f'2026-1{k}-01T00:00:00Z', l1=5e-4) for k in range(3)])
+    history.add([later(plain, f'2026-1{k}-01T00:00:00Z', theta2=5e-4) for k in range(3)])
     (trend,) = trends_of(history.entries())
     assert len(trend.changed) == 1 and not trend.has_crept and trend.since == 5
 
@@ -154,12 +156,12 @@ def test_other_robots_are_refused(plain: Outcome, tmp_path: Path) -> None:
 
 def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     for month in (1, 2, 3):
-        record = later(plain, f'2026-0{month}-01T00:00:00Z', g1=1e-4 * (month > 2))
+        record = later(plain, f'2026-0{month}-01T00:00:00Z', theta2=1e-4 * (month > 2))
         (tmp_path / f'{month}.json').write_text(json_text(dict(record.document)))
     added = run('history', 'add', 'h.sqlite', '1.json', '2.json', '3.json', '--robot', 'left')
     assert added.status == 0 and added.out.count('added') == 3
     page = run('history', 'page', 'h.sqlite', '--out', 'trend')
-    assert page.status == 0 and 'the backlash of joint 1 changed' in page.out
+    assert page.status == 0 and 'the zero of joint 2 changed' in page.out
     assert (tmp_path / 'trend' / 'history.html').read_text().count('<svg') == 1
     lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite one'
     for line in f'{lines}|extract h.sqlite'.split('|'):

@@ -45,11 +45,23 @@ def test_evidence_is_that_of_the_joint_distribution() -> None:
     spread = np.eye(40) + rows @ covariance @ rows.T
     np.testing.assert_allclose(found.matrix, rows.T @ np.linalg.solve(spread, rows), atol=1e-9)
     np.testing.assert_allclose(found.score, rows.T @ np.linalg.solve(spread, residual - rows @ mean), atol=1e-9)
-    statistic, change, std = found.ratio([1, 3])
+    statistic, freedoms, change, std = found.ratio([1, 3])
     block = found.matrix[np.ix_([1, 3], [1, 3])]
     np.testing.assert_allclose(change, np.linalg.solve(block, found.score[[1, 3]]))
     np.testing.assert_allclose(statistic, found.score[[1, 3]] @ change)
     np.testing.assert_allclose(std**2, np.diag(np.linalg.inv(block)))
+    assert freedoms == 2
+    free = found.beside(np.eye(5)[:, [0, 2, 4]])  # all others may have changed, too
+    inverse = np.linalg.inv(found.matrix)
+    np.testing.assert_allclose(free.ratio([1, 3]).std ** 2, np.diag(inverse)[[1, 3]])
+    np.testing.assert_allclose(free.ratio([1, 3]).change, (inverse @ found.score)[[1, 3]])
+    every = free.ratio(range(5))
+    assert every.freedoms == 2 and (np.isnan(every.std) == [True, False, True, False, True]).all()
+
+
+def test_touches_are_those_that_the_sensor_reported(record: CalibrationRecord) -> None:
+    assert abs(record.arm.sensor.rotation) > 1e-4
+    np.testing.assert_allclose(record.touches.force, touches_of(DECLARED, 0).force, rtol=1e-9)
 
 
 def test_an_object_described_otherwise_is_a_new_one(record: CalibrationRecord) -> None:
