@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-from functools import cache
 from pathlib import Path
 
 import pytest
+from docs.examples import NUMBER, WITHIN, blocks, commands, compare, figures
 from pipeline.opened import Row, outcome_of, rows
 
-from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.cli.main import build_parser
 from scara_kinetostatic.report.quantities import SCALES
 from scara_kinetostatic.results.report import text_report
@@ -19,22 +18,14 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
 FIGURES = (ROOT / 'docs' / 'figures.md').read_text(encoding='utf-8')
 CASE = 'undeclared_a'
-WITHIN = 0.02
-"""Part by which a figure may differ on another machine, with another NumPy."""
-NUMBER = re.compile(r'(?<![\w\]])[-+]?\d+(?:\.\d+)?(?:e-?\d+)?')
 OFF = 0.15
 """Standard deviations."""
 OF_ERRORS = 0.003
 """Part by which an error may differ, beyond rounding to the figures shown."""
 
 
-@cache
-def outcome(name: str) -> Outcome:
-    return outcome_of(name)
-
-
-def figures(text: str) -> list[float]:
-    return [float(each) for each in NUMBER.findall(text.replace('−', '-'))]
+def values_of(text: str) -> list[float]:
+    return [float(each) for each in figures(text)]
 
 
 def half_places(text: str) -> list[float]:
@@ -42,39 +33,24 @@ def half_places(text: str) -> list[float]:
     return [0.5 * 10.0 ** -len(each.partition('.')[2]) for each in NUMBER.findall(text)]
 
 
-def words(text: str) -> str:
-    return ' '.join(NUMBER.sub('#', text.replace('−', '-')).split())
-
-
 def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip().strip('|').split('|')]
 
 
-def fenced(language: str) -> list[str]:
-    return re.findall(rf'^ *```{language}\n(.*?)^ *```', README, flags=re.DOTALL | re.MULTILINE)
-
-
 def test_the_case_is_what_the_command_prints() -> None:
-    (block,) = fenced('console')
-    command, _, shown = block.partition('\n')
-    assert command == f'$ scara-kinetostatic calibrate bags/{CASE}.mcap --out result'
-    printed = text_report(outcome(CASE))
-    parts = [part.strip('\n') for part in shown.split('…\n')]
-    assert len(parts) == 4
-    for part in parts:
-        place = words(printed).find(words(part))
-        assert place >= 0, part
-        before = words(printed)[:place].count('#')
-        found = figures(printed)[before : before + len(figures(part))]
-        assert figures(part) == pytest.approx(found, rel=WITHIN)
+    (block,) = (block for block in blocks(ROOT / 'README.md') if block.language == 'console')
+    ((command, shown),) = commands(block.text)
+    assert command == ['scara-kinetostatic', 'calibrate', f'bags/{CASE}.mcap', '--out', 'result']
+    assert shown.count('…\n') == 3
+    compare(shown, text_report(outcome_of(CASE)), 'calibrate')
 
 
 @pytest.mark.parametrize('name', ['l1', 'l2'])
 def test_the_parameters_beside_the_truth(name: str) -> None:
     (line,) = (line for line in README.splitlines() if line.startswith(f'| `{name}`'))
-    row = next(row for row in rows(CASE, outcome(CASE)) if row.name == name)
+    row = next(row for row in rows(CASE, outcome_of(CASE)) if row.name == name)
     unit, scale = SCALES[name]
-    _, truth, alone, off_alone, extended, off_extended = (figures(cell) for cell in cells(line))
+    _, truth, alone, off_alone, extended, off_extended = (values_of(cell) for cell in cells(line))
     assert line.startswith(f'| `{name}`, {unit} |')
     assert truth == pytest.approx([row.truth * scale], abs=1e-9)
     for shown, value, std in ((alone, row.alone, row.alone_std), (extended, row.extended, row.extended_std)):
@@ -85,24 +61,24 @@ def test_the_parameters_beside_the_truth(name: str) -> None:
 
 def test_the_other_parameters_are_off_by_no_more_than_is_said() -> None:
     (sentence,) = re.findall(r'^The other ten are within .*$', README, flags=re.MULTILINE)
-    others: list[Row] = [row for row in rows(CASE, outcome(CASE)) if row.name not in ('l1', 'l2')]
+    others: list[Row] = [row for row in rows(CASE, outcome_of(CASE)) if row.name not in ('l1', 'l2')]
     largest = [max(abs(row.off_alone) for row in others), max(abs(row.off_extended) for row in others)]
-    assert figures(sentence) == pytest.approx(largest, abs=OFF)
+    assert values_of(sentence) == pytest.approx(largest, abs=OFF)
 
 
 @pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_c', 'engine_a', 'engine_d'])
 def test_errors_before_and_after(name: str) -> None:
     (line,) = (line for line in FIGURES.splitlines() if line.startswith('|') and f'`bags/{name}.mcap`' in line)
     *_, force, tip = cells(line)
-    found = outcome(name).comparison
+    found = outcome_of(name).comparison
     sides = (found.base, found.extended) if '→' in force else (found.extended,)
-    assert ('→' in force) == (outcome(name).diagnosis.extended is not None)
+    assert ('→' in force) == (outcome_of(name).diagnosis.extended is not None)
     values = [[side.held_out for side in sides], [1e6 * side.tip.held_out for side in sides]]
     for cell, expected in zip((force, tip), values, strict=True):
-        for shown, value, rounding in zip(figures(cell), expected, half_places(cell), strict=True):
+        for shown, value, rounding in zip(values_of(cell), expected, half_places(cell), strict=True):
             assert abs(shown - value) <= rounding + OF_ERRORS * value
     stated = re.search(r'verdict `(\w+)`', line)
-    assert stated is None or stated[1] == outcome(name).verdict
+    assert stated is None or stated[1] == outcome_of(name).verdict
 
 
 def test_it_is_short() -> None:
@@ -117,9 +93,8 @@ def test_links_and_pictures_are_there() -> None:
 
 
 def test_commands_are_understood() -> None:
-    blocks = '\n'.join(fenced('bash'))
-    commands = re.findall(r'^ *scara-kinetostatic (.*)$', blocks, flags=re.MULTILINE)
-    assert len(commands) >= 2
-    for command in commands:
-        args = build_parser().parse_args(shlex.split(command, comments=True))
-        assert args.verb
+    bash = '\n'.join(block.text for block in blocks(ROOT / 'README.md') if block.language == 'bash')
+    found = re.findall(r'^ *scara-kinetostatic (.*)$', bash, flags=re.MULTILINE)
+    assert len(found) >= 2
+    for command in found:
+        assert build_parser().parse_args(shlex.split(command, comments=True)).verb

@@ -57,9 +57,9 @@ def test_a_warm_start_with_touches_that_the_stated_noise_leaves_out():
     np.testing.assert_allclose(again.parameters.as_array(), direct.parameters.as_array(), atol=1e-7)
 
 
-@pytest.mark.parametrize(('robot', 'cell'), [*product(ROBOTS, (CELL, UNKNOWN)), (PAPER_ACTUAL, TOOL)])
+@pytest.mark.parametrize(('robot', 'cell'), [(PAPER_ACTUAL, CELL), (PAPER_MEASURED, UNKNOWN), (PAPER_ACTUAL, TOOL)])
 def test_standard_deviations_are_right(robot, cell):
-    scores, found = z_scores(robot, range(100, 140), cell=cell)
+    scores, found = z_scores(robot, range(100, 120), cell=cell)
     assert 0.85 < np.sqrt((scores**2).mean()) < 1.15
     assert np.abs(scores).max() < 5
     assert abs(np.mean([c.reduced_chi_square for c in found]) - 1) < 0.1
@@ -85,7 +85,7 @@ def test_starts_far_off_reach_the_same_optimum():
     data = touches(PAPER_ACTUAL, 5)
     reference = calibrate(data, CELL)
     rng = np.random.default_rng(0)
-    for _ in range(8):
+    for _ in range(4):
         x = PAPER_ACTUAL.as_array() + rng.uniform(-1, 1, 12) * ([0.02, 0.02, 0.0524, 0.02, 0.0524, 0.02] + [0] * 6)
         x[6:9] *= 5 ** rng.uniform(-1, 1, 3)
         x[9:] = rng.uniform(0, 5e-4, 3)
@@ -94,7 +94,7 @@ def test_starts_far_off_reach_the_same_optimum():
 
 
 def test_one_force_level_ties_gripper_compliance_and_backlash():
-    for seed in range(4):
+    for seed in range(2):
         found = calibrate(touches(PAPER_ACTUAL, seed, levels=(40.0,), postures=(1,)), CELL)
         known = found.identifiability
         assert (known.rank, known.confounded) == (11, (('p_ee', 'g_ee'),))
@@ -116,7 +116,7 @@ def test_one_disc_ties_the_lengths_together():
 
 
 def test_bad_touches_are_rejected_by_index_and_the_rest_is_unharmed():
-    for seed in range(5):
+    for seed in range(3):
         data, rng = touches(PAPER_ACTUAL, seed), np.random.default_rng(seed)
         bad = np.sort(rng.choice(len(data), 7, replace=False))
         force, joints = data.force.copy(), data.joints.copy()
@@ -195,14 +195,14 @@ def test_held_out_error_is_a_little_above_the_fitted_one():
 
 def test_a_noise_that_does_not_show_is_not_taken_for_none():
     """With soft joints and gripper the force error hides that of the joints."""
-    for seed in range(6):
+    for seed in range(3):
         noise = calibrate(touches(PAPER_MEASURED, seed, levels=(10.0, 25.0), postures=(1,)), UNKNOWN).noise
         assert 2e-6 < noise.joint < 5e-5 and 0.15 < noise.force < 0.5
 
 
 @pytest.mark.parametrize('robot', ROBOTS)
 def test_one_force_level_without_stated_noise(robot):
-    for seed in range(4):
+    for seed in range(2):
         found = calibrate(touches(robot, seed, levels=(40.0,)), UNKNOWN)
         assert found.identifiability.confounded == (('p_ee', 'g_ee'),)
 
@@ -227,7 +227,7 @@ def test_a_recording_given_twice_counts_once():
 
 
 def test_many_touches_settle_though_some_lie_at_the_edge_of_a_dead_band():
-    for seed in range(4):
+    for seed in range(2):
         found = calibrate(touches(PAPER_MEASURED, seed, per_disc=36), CELL)
         assert found.termination is Termination.CONVERGED and found.iterations < 80
 
@@ -242,7 +242,7 @@ def few_of_all(seed):
     return PAPER_ACTUAL, touches(PAPER_ACTUAL, seed).select(chosen), CELL
 
 
-@pytest.mark.parametrize(('few', 'seeds'), [(few_of_one_disc, 6), (few_of_all, 15)])
+@pytest.mark.parametrize(('few', 'seeds'), [(few_of_one_disc, 3), (few_of_all, 8)])
 def test_few_touches_do_not_bend_what_is_called_estimated(few, seeds):
     for seed in range(seeds):
         robot, data, cell = few(seed)

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmark.common import CELL, NOISE, ROBOTS, json_value
-from benchmark.statistics.__main__ import summarise, tasks
+from benchmark.common import CELL, NOISE, ROBOTS
 from benchmark.statistics.bound import linear, size
 from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, run_outliers, with_outliers
-from benchmark.statistics.picture import draw
-from benchmark.statistics.runs import Task, distant_nominal, run_noise, run_starts, setup_of
-from benchmark.statistics.summary import check_targets, noise_summary, outlier_summary, starts_summary, tables
+from benchmark.statistics.runs import Task, run_noise, setup_of
+from benchmark.statistics.summary import check_targets, noise_summary, outlier_summary
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 
 @pytest.fixture(scope='module')
 def noise_runs():
-    return run_noise(Task('noise', 'table 2', 'given', 12, range(200)))
+    return run_noise(Task('noise', 'table 2', 'given', 12, range(100)))
 
 
 @pytest.mark.parametrize('robot', list(ROBOTS))
@@ -46,7 +42,7 @@ def test_the_ideal_estimate_attains_the_bound_and_lies_beside_the_real_one(noise
 
 def test_efficiency_and_coverage(noise_runs):
     found = noise_summary(noise_runs, setup_of('table 2', 12))
-    assert found['runs'] == 200
+    assert found['runs'] == 100
     assert all(0.97 < ratio < 1.03 for ratio in found['variance_over_ideal_of_same_noise'].values())
     assert all(0.6 < ratio < 1.5 for ratio in found['variance_over_bound'].values())
     assert 0.93 < found['coverage']['normal']['pooled'] < 0.97
@@ -59,15 +55,6 @@ def test_sigmas_that_are_too_small_and_errors_that_are_too_large_are_told(noise_
     verdicts = check_targets({'efficiency': {'wrong': found}, 'coverage': {'wrong': found}})
     assert len(verdicts) == 4
     assert not any(met for _, met in verdicts)
-
-
-def test_starts_far_off_are_far_off_and_lead_home():
-    off = np.array([distant_nominal(PAPER_ACTUAL, seed).as_array() for seed in range(200)]) - PAPER_ACTUAL.as_array()
-    assert np.abs(off[:, 0]).max() == pytest.approx(0.02, rel=0.05)
-    assert np.abs(off[:, 2]).max() == pytest.approx(np.deg2rad(3), rel=0.05)
-    assert off[:, 6].max() / PAPER_ACTUAL.p_ee == pytest.approx(4, rel=0.1)
-    found = starts_summary(run_starts(Task('starts', 'figure 4(d)', 'estimated', 12, range(5))))
-    assert found['same_optimum'] == found['starts'] == 5
 
 
 def test_the_size_of_a_bad_touch():
@@ -95,28 +82,14 @@ def test_a_slipped_touch_is_in_balance():
 
 
 def test_large_bad_touches_are_named_and_cost_no_more_than_they_must():
-    runs = run_outliers(Task('outliers', 'table 2', 'given', 12, range(4)))
+    runs = run_outliers(Task('outliers', 'table 2', 'given', 12, range(2)))
     found = outlier_summary(runs)
     assert found['bad_touches_in_each'] == 7
     for kind in LARGE:
         case = found['cases'][kind.label]
-        assert (case['named'], case['bad'], case['good_touches_rejected']) == (28, 28, 0)
+        assert (case['named'], case['bad'], case['good_touches_rejected']) == (14, 14, 0)
         assert case['growth_rms'] == pytest.approx(found['cases'][LEFT_OUT]['growth_rms'], abs=1e-6)
-    assert sum(row['bad'] for row in found['named_by_size']) == 28 * len(CASES)
+    assert sum(row['bad'] for row in found['named_by_size']) == 14 * len(CASES)
     clean = simulate_touches(CELL, ROBOTS['table 2'], setup_of('table 2', 12).plan, NOISE, 0)
     same = calibrate(clean, CELL).parameters.as_array() - ROBOTS['table 2'].as_array()
     np.testing.assert_array_equal(runs[0].error[CLEAN], same)
-
-
-def test_the_report(noise_runs, tmp_path):
-    found = noise_summary(noise_runs, setup_of('table 2', 12))
-    summary = {'efficiency': {'table 2, given': found}, 'coverage': {'table 2, given': found}}
-    draw(summary, tmp_path / 'picture.svg')
-    assert 'all touches are simulated' in (tmp_path / 'picture.svg').read_text(encoding='utf-8')
-    assert json.loads(json.dumps(json_value(summary), allow_nan=False)) == json_value(summary)
-    text = '\n'.join(tables(summary))
-    assert text.startswith('All touches are simulated')
-    assert all(f'\n{name} ' in text for name in NAMES)
-    assert text.count('met   ') + text.count('MISSED') == 4
-    assert summarise({}, None) == {}
-    assert {task.section for task in tasks(4, 'coverage')} == {'noise'}

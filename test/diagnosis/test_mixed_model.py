@@ -69,10 +69,9 @@ def test_the_contributions_add_up():
     assert {part.label for part in found.contributions} >= {'noise', 'undetected[transmission_error]'}
 
 
-@pytest.mark.parametrize('seed', [901, 950])
-def test_a_robot_with_small_errors_is_not_moved_by_the_names_of_them(seed):
+def test_a_robot_with_small_errors_is_not_moved_by_the_names_of_them():
     """Named effects that were free moved the base of such robots by millimetres."""
-    setup, robot, touches = draw(Task('paper', 'all', 1.0, False, 'estimated', seed))
+    setup, robot, touches = draw(Task('paper', 'all', 1.0, False, 'estimated', 901))
     plain = calibrate(touches, setup.cell)
     found = diagnose(plain)
     judged = judge(found.extended or found.refitted, robot, 0)

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from diagnosis.simulated import CELL, NOISE, deviations
 
 from scara_kinetostatic.effects.objects import PlatePosition
 from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
+from scara_kinetostatic.model.cell import Cell, Plate
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 
 
 def plated(*names: str) -> Cell:
@@ -38,18 +37,18 @@ def test_it_displaces_all_discs_of_the_plate() -> None:
     plate, discs = find(cell, 'plate_position[a]'), [find(cell, f'object_position[disc_{k}]') for k in (1, 3)]
     value, plan = (3e-4, -2e-4), default_plan(cell, 2)
     one, other = (
-        simulate_touches(cell, ExtendedModel(PAPER_ACTUAL, effects, values), plan, CELL.noise)
+        simulate_touches(cell, ExtendedModel(PAPER_ACTUAL, effects, values), plan, NOISE)
         for effects, values in (((plate,), (value,)), (tuple(discs), (value, value)))
     )
     assert np.allclose(one.force, other.force, rtol=1e-9)
-    assert not np.allclose(one.force, simulate_touches(cell, PAPER_ACTUAL, plan, CELL.noise).force, rtol=1e-3)
+    assert not np.allclose(one.force, simulate_touches(cell, PAPER_ACTUAL, plan, NOISE).force, rtol=1e-3)
 
 
 def test_a_plate_of_all_discs_is_simulated_and_is_the_base_the_other_way() -> None:
     cell = plated('disc_1', 'disc_2', 'disc_3')
     (effect,) = PlatePosition.instances(cell)
     truth = ExtendedModel(PAPER_ACTUAL, (effect,), ((2e-4, -1e-4),))
-    found = calibrate_touches(simulate_touches(cell, truth, default_plan(cell, 8), CELL.noise, 9), cell)
+    found = calibrate_touches(simulate_touches(cell, truth, default_plan(cell, 8), NOISE, 9), cell)
     assert found.verdict == 'none'
     assert abs(found['x0'].value - (PAPER_ACTUAL.x0 - 2e-4)) < found['x0'].std
     assert found['x0'].std > cell.plates[0].center_std
@@ -58,7 +57,7 @@ def test_a_plate_of_all_discs_is_simulated_and_is_the_base_the_other_way() -> No
 def test_a_displaced_plate_is_a_rival_of_the_disc_beside_it_and_the_uncertainty_covers_both() -> None:
     cell = plated('disc_1', 'disc_2')
     true = replace(CELL, discs=tuple(d._replace(x=d.x + (2e-4 if d.name != 'disc_3' else 0)) for d in CELL.discs))
-    found = calibrate_touches(simulate_touches(true, PAPER_ACTUAL, default_plan(true, 8), CELL.noise, 9), cell)
+    found = calibrate_touches(simulate_touches(true, PAPER_ACTUAL, default_plan(true, 8), NOISE, 9), cell)
     assert found.verdict == 'ambiguous'
     assert {'plate_position[a]', 'object_position[disc_3]'} <= {x for group in found.diagnosis.rivals for x in group}
     assert abs(found['x0'].value - PAPER_ACTUAL.x0) < 3 * found['x0'].std
@@ -77,7 +76,7 @@ def test_what_is_stated_as_exact_can_be_wrong() -> None:
         discs = [d._replace(center_std=0.0) if f'object_position[{d.name}]' == exact else d for d in cell.discs]
         cell = replace(cell, discs=tuple(discs), plates=(Plate('a', 0.0, 0.3),))
         truth = ExtendedModel(PAPER_ACTUAL, (find(cell, exact),), ((1.1e-4, -4e-5),))
-        touches = simulate_touches(cell, truth, default_plan(cell, 12, preload=0.3), Noise(1e-5, 0.3), 3)
+        touches = simulate_touches(cell, truth, default_plan(cell, 12, preload=0.3), NOISE, 3)
         found = calibrate_touches(touches, cell)
         assert exact in {item.effect.label for item in found.diagnosis.found}
-        assert np.abs((found.final.parameters.as_array() - PAPER_ACTUAL.as_array()) / found.final.std).max() < 4
+        assert np.abs(deviations(found.final)).max() < 4

@@ -21,7 +21,7 @@ DOCS = ROOT / 'docs'
 WITHIN = 0.02
 """Part by which a figure may differ on another machine, with another NumPy."""
 _BLOCK = re.compile(r'^(?P<indent> *)```(?P<language>\w+)\n(?P<text>.*?)^ *```$', flags=re.DOTALL | re.MULTILINE)
-_NUMBER = re.compile(r'(?<![\w\]])[-+]?\d+(?:\.\d+)?(?:e-?\d+)?')
+NUMBER = re.compile(r'(?<![\w\]])[-+]?\d+(?:\.\d+)?(?:e-?\d+)?')
 _FILE = re.compile(r'# file: (\S+)\n')
 
 
@@ -89,21 +89,22 @@ def run_page(page: Path, folder: Path, run: Callable[[list[str]], str], execute:
 
 def compare(shown: str, printed: str, source: str) -> None:
     """Raises AssertionError unless the parts that are shown are printed, in this order."""
-    words, figures = _words(printed), _figures(printed)
+    words, found = _words(printed), figures(printed)
     place = 0
     for part in shown.split('…'):
-        wanted, numbers = _words(part), _figures(part)
+        wanted, numbers = _words(part), figures(part)
         at = words.find(wanted, place)
         assert at >= 0, f'{source} does not print {wanted!r}, but\n{printed}'
         before = words[:at].count('#')
-        for one, other in zip(numbers, figures[before : before + len(numbers)], strict=True):
+        for one, other in zip(numbers, found[before : before + len(numbers)], strict=True):
             near = abs(float(one) - float(other)) <= WITHIN * abs(float(other)) + _last_place(one)
             assert near, f'{source} prints {other}, not {one}, in {wanted!r}'
         place = at + len(wanted)
 
 
-def _figures(text: str) -> list[str]:
-    return _NUMBER.findall(text.replace('−', '-'))
+def figures(text: str) -> list[str]:
+    """The figures of a text, as they are written."""
+    return NUMBER.findall(text.replace('−', '-'))
 
 
 def _last_place(figure: str) -> float:
@@ -114,4 +115,4 @@ def _last_place(figure: str) -> float:
 
 
 def _words(text: str) -> str:
-    return ' '.join(_NUMBER.sub('#', text.replace('−', '-')).split())
+    return ' '.join(NUMBER.sub('#', text.replace('−', '-')).split())

@@ -30,20 +30,20 @@ def same_flanks(*found: Contact) -> np.ndarray:
 
 @pytest.mark.parametrize('effect', KINDS, ids=KIND_LABELS)
 def test_every_touch_is_solved(effect):
-    for robot in ROBOTS:
-        scene, model = random_scene(3, 200, robot), with_effect(effect, robot)
-        found = solve(scene, model, scene.joints)
-        assert found.solved.all()
-        pressed = found.magnitude > 0
-        assert pressed.mean() > 0.7
-        e = extended_equations(model, scene.contact_problem, found.state)
-        residual = np.array([e.h.real, e.h.imag, *e.rows.row])[:, pressed]
-        assert np.abs(residual).max() < 1e-12
+    robot = ROBOTS[KINDS.index(effect) % 2]
+    scene, model = random_scene(3, 200, robot), with_effect(effect, robot)
+    found = solve(scene, model, scene.joints)
+    assert found.solved.all()
+    pressed = found.magnitude > 0
+    assert pressed.mean() > 0.7
+    e = extended_equations(model, scene.contact_problem, found.state)
+    residual = np.array([e.h.real, e.h.imag, *e.rows.row])[:, pressed]
+    assert np.abs(residual).max() < 1e-12
 
 
 @pytest.mark.parametrize('effect', KINDS, ids=KIND_LABELS)
 def test_derivatives_of_the_force(effect):
-    scene = random_scene(4, 120)
+    scene = random_scene(4, 80)
     model = with_effect(effect, scene.parameters)
     found = solve(scene, model, scene.joints)
     given = contact_derivatives(model, found)

@@ -38,14 +38,22 @@ def check(effect: Effect, seed: int, robot: int) -> None:
         assert_derivative(lambda x: effect.sensor_error(at.force, x), values, np.stack(sensor_error, axis=-1), steps)
 
 
-@pytest.mark.parametrize('robot', [0, 1])
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
-def test_derivatives(effect, robot):
-    check(effect, seed=robot, robot=robot)
+def test_derivatives(effect):
+    for robot in (0, 1):
+        check(effect, seed=robot, robot=robot)
 
 
 def test_derivatives_of_friction_whose_slide_follows_the_estimate():
     check(ContactFriction(), seed=2, robot=0)
+
+
+def test_at_its_start_an_effect_does_nothing():
+    at = random_scene(1, 20).touch_state
+    for effect in EFFECTS:
+        start = np.array(effect.start)
+        for part in (*effect.shift(at, start), effect.sensor_error(at.force, start)):
+            assert part is None or not part.any(), effect.label
 
 
 def converged_state(model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool) -> State:
@@ -103,13 +111,3 @@ def test_a_random_off_normal_angle_does_not_depend_on_the_magnitude():
     before, after = (effect.shift(problem.touch_state(scene.parameters, s), np.empty(0)) for s in (scene.state, more))
     assert effect.force_dependence == ForceDependence.DIRECTION
     np.testing.assert_array_equal(before.place, after.place)
-
-
-@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
-def test_at_its_start_an_effect_does_nothing(effect):
-    scene, start = random_scene(1, 20), np.array(effect.start)
-    at = scene.touch_state
-    for part in effect.shift(at, start):
-        assert part is None or not part.any()
-    sensor_error = effect.sensor_error(at.force, start)
-    assert sensor_error is None or not sensor_error.any()

@@ -16,12 +16,6 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]
 OBJECT = [effect for effect in KINDS if effect.on_object]
 SKEWED = Gripper(GripperSign.PHYSICAL, ((3e-6, 1e-6), (-2e-6, -4e-6)))
-BOTH = pytest.mark.parametrize('robot', ROBOTS, ids=['actual', 'measured'])
-
-
-def of_all():
-    """All effects of the robot, and their values."""
-    return tuple(ROBOT), tuple(tuple(plausible(effect)) for effect in ROBOT)
 
 
 def moves_robot(effect):
@@ -42,8 +36,9 @@ def check_identity(scene, model, gripper):
     return joints
 
 
-@BOTH
-@pytest.mark.parametrize('gripper', [Gripper(), SKEWED], ids=['isotropic', 'skewed'])
+@pytest.mark.parametrize(
+    ('robot', 'gripper'), zip(ROBOTS, (Gripper(), SKEWED), strict=True), ids=['actual', 'measured']
+)
 @pytest.mark.parametrize(
     'effect', [effect for effect in KINDS if not effect.on_object], ids=lambda effect: effect.label
 )
@@ -60,11 +55,10 @@ def test_direct_undoes_inverse_and_contact_gives_the_force_back(effect, robot, g
     np.testing.assert_allclose(found.tip, scene.poses.tip, rtol=0, atol=1e-11)
 
 
-@BOTH
+@pytest.mark.parametrize('robot', ROBOTS, ids=['actual', 'measured'])
 def test_all_effects_of_the_robot_at_once(robot):
     scene = random_scene(6, 300, robot)
-    effects, values = of_all()
-    model = ExtendedModel(robot, effects, values)
+    model = ExtendedModel(robot, tuple(ROBOT), tuple(tuple(plausible(effect)) for effect in ROBOT))
     joints = check_identity(scene, model, Gripper())
     found = contact(
         model, joints, scene.poses.centers, scene.poses.radii, warm_start=scene.poses.force, metadata=scene.metadata

@@ -27,16 +27,17 @@ NAMES = {
 }  # fmt: skip
 
 
-def test_all_kinds_of_effects_are_listed():
+def test_all_kinds_of_effects_are_listed_in_their_order():
     assert {effect.name for effect in EFFECTS} == NAMES
-    assert len(set(LABELS)) == len(LABELS)
-    assert all('during the recording' in effect.title for effect in EFFECTS if effect.name == 'shift')
-    kinds = 'encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'joint_slip', 'thermal_drift'
-    for kind in (*kinds, 'joint_coupling', 'cable_pull'):
-        assert {f'{kind}[joint1]', f'{kind}[joint2]'} <= set(LABELS)
-    assert {'shift[base]', 'shift[tool]', 'shift[sensor]', 'shift[joint1]', 'shift[joint2]'} <= set(LABELS)
+    assert len(set(LABELS)) == len({effect.title for effect in EFFECTS}) == len(LABELS)
+    friction = ['contact_friction', *(f'contact_friction[{disc.name}]' for disc in CELL.discs)]
+    assert LABELS[:6] == [*friction, 'sensor_rotation', 'sensor_bias']
+    targets = ['base', 'tool', *(disc.name for disc in CELL.discs), 'joint1', 'joint2', 'sensor']
+    assert [label for label in LABELS if label.startswith('shift')] == [f'shift[{target}]' for target in targets]
     assert {f'tip_shape[{shape}]' for shape in ('oval', 'three-lobed', 'four-lobed', 'five-lobed')} <= set(LABELS)
-    for kind in ('contact_compliance', 'contact_friction', 'object_position', 'object_radius', 'shift'):
+    of_joints = NAMES & {effect.name for effect in EFFECTS if effect.label.endswith('[joint1]')}
+    assert len(of_joints) == 10 and {f'{name}[joint2]' for name in of_joints} <= set(LABELS)
+    for kind in ('contact_compliance', 'object_position', 'object_radius'):
         assert {f'{kind}[{disc.name}]' for disc in CELL.discs} <= set(LABELS)
 
 
@@ -47,15 +48,20 @@ def test_a_cell_of_one_disc_has_no_soft_or_rough_one_among_others():
 
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
-def test_an_effect_says_what_it_is(effect):
-    assert effect.plot_variable in VARIABLES
-    assert len(effect.confounded_with) > 10
-    assert len(effect.identified_by) > 10
+def test_an_effect_says_what_it_is_and_can_be_evaluated(effect):
+    assert effect.plot_variable in VARIABLES and effect.is_physical
+    assert len(effect.confounded_with) > 10 and len(effect.identified_by) > 10
     assert all(parameter.scale > 0 and parameter.meaning and parameter.unit for parameter in effect.parameters)
     assert len(effect.labels) == len(effect.start) == len(effect.typical) == len(effect.parameters)
     assert effect.label.startswith(effect.name)
     assert find(CELL, effect.label) == effect
     assert effect.is_plausible(np.array(effect.typical))
+    assert '{' not in effect.title and ('during the recording' in effect.title) == (effect.name == 'shift')
+    if effect.target and effect.target != 'sensor':
+        assert effect.target in effect.title.replace('joint ', 'joint').replace('link ', 'link')
+    for sizes in (TYPICAL, SIZES):  # of a sound arm, and in the population
+        assert {effect.name, effect.label} & sizes.keys()
+    evaluate_once(effect, CELL)
 
 
 def test_variables_have_one_value_per_touch():
@@ -112,11 +118,6 @@ def test_a_class_may_be_registered_as_its_entry_point_may_be():
         register(EncoderGain.of(0))
 
 
-@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
-def test_every_effect_of_the_catalogue_can_be_evaluated_at_a_few_touches(effect):
-    evaluate_once(effect, CELL)
-
-
 def test_an_effect_that_depends_on_more_of_the_force_than_it_says_is_refused():
     class Stiff(JointHardening):
         force_dependence = ForceDependence.NONE
@@ -140,16 +141,6 @@ def test_two_of_one_label_are_refused():
             catalogue(CELL)
     finally:
         unregister(again)
-
-
-def test_every_effect_says_what_it_means_of_the_cell() -> None:
-    titles = [effect.title for effect in EFFECTS]
-    assert len(set(titles)) == len(titles)
-    for effect in EFFECTS:
-        assert effect.is_physical
-        assert '{' not in effect.title
-        if effect.target and effect.target != 'sensor':
-            assert effect.target in effect.title.replace('joint ', 'joint').replace('link ', 'link')
 
 
 COMPLETE = {
@@ -176,40 +167,24 @@ def test_a_complete_one_is_defined():
     assert define().of(1).title == 'joint 2 is a sample'
 
 
-@pytest.mark.parametrize('missing', ['parameters', 'statement', 'confounded_with', 'identified_by', 'plot_variable'])
-def test_a_missing_attribute_is_named_with_the_class(missing):
-    with pytest.raises(TypeError, match=rf"test_registry\.Sample: '{missing}' is missing"):
-        define(**{missing: None})
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        *(
+            ({name: None}, rf"test_registry\.Sample: '{name}' is missing")
+            for name in ('name', 'parameters', 'statement', 'confounded_with', 'identified_by', 'plot_variable')
+        ),
+        ({'angles': None}, "Sample: the method 'angles' is missing"),
+        ({'plot_variable': 'colour'}, "Sample: 'plot_variable': expected one of angle, torque, .* got 'colour'"),
+    ],
+)
+def test_what_is_missing_or_unknown_is_named_with_the_class(wrong, words):
+    with pytest.raises(TypeError, match=words):
+        define(**wrong)
 
 
-def test_a_missing_method_is_named_with_the_class():
-    with pytest.raises(TypeError, match=r"Sample: the method 'angles' is missing"):
-        define(angles=None)
+def test_a_missing_method_of_a_sensor_effect_is_named():
     with pytest.raises(TypeError, match=r"the method 'sensor_error"):
 
         class NoError(SensorEffect):
             name = 'no_error'
-
-
-def test_a_missing_name_is_named_with_the_class():
-    with pytest.raises(TypeError, match=r"Sample: 'name' is missing"):
-        define(name=None)
-
-
-def test_an_unknown_plot_variable_is_named_with_the_class():
-    with pytest.raises(TypeError, match=r"Sample: 'plot_variable': expected one of angle, torque, .* got 'colour'"):
-        define(plot_variable='colour')
-
-
-def test_all_built_in_ones_are_listed_in_their_order():
-    friction = ['contact_friction', *(f'contact_friction[{disc.name}]' for disc in CELL.discs)]
-    assert LABELS[:6] == [*friction, 'sensor_rotation', 'sensor_bias']
-    shifts = [label for label in LABELS if label.startswith('shift')]
-    targets = ['base', 'tool', *(disc.name for disc in CELL.discs), 'joint1', 'joint2', 'sensor']
-    assert shifts == [f'shift[{target}]' for target in targets]
-
-
-def test_each_kind_has_a_typical_size_and_takes_part_in_the_population():
-    for effect in catalogue(CELL):
-        assert {effect.name, effect.label} & TYPICAL.keys(), effect.label
-        assert {effect.name, effect.label} & SIZES.keys(), effect.label

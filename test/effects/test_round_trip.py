@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from calibration.studies import CELL
-from effects.scenes import KIND_LABELS, KINDS, plausible, press, with_effect
+from effects.scenes import KINDS, plausible, press
 from model.helpers import ROBOTS
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.robot import LinkBending
-from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 SEEN = [effect for effect in (*KINDS, LinkBending.of(0)) if effect.label != 'link_bending[link2]']
 
@@ -24,19 +22,6 @@ def known_start(effect):
     if effect.is_stepwise:
         values = (*values[:-1], effect.typical[-1])
     return ExtendedModel(CELL.nominal, (effect,), (values,))
-
-
-@pytest.mark.parametrize('number', range(len(KINDS)), ids=KIND_LABELS)
-def test_the_force_of_a_touch_follows_from_its_angles(number):
-    effect, robot = KINDS[number], ROBOTS[number % 2]
-    touches = press(effect, plausible(effect), robot)
-    model = with_effect(effect, robot)
-    o = observe(touches, CELL)
-    true = true_force(model, o.force, o.metadata)
-    found = contact(model, o.joints, o.centers, o.radii, warm_start=true, metadata=o.metadata)
-    assert len(touches) >= 100
-    assert found.solved.all()
-    np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize('effect', SEEN, ids=[effect.label for effect in SEEN])

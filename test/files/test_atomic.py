@@ -48,8 +48,14 @@ def test_a_former_result_is_replaced_and_the_rest_stays(plain: Outcome, confound
     assert FILES | {'notes.txt'} < names(tmp_path)
 
 
-@pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'), KeyboardInterrupt()])
-@pytest.mark.parametrize('survivors', [0, 1, 2])
+@pytest.mark.parametrize(
+    ('failure', 'survivors'),
+    [
+        (OSError(28, 'No space left on device'), 0),
+        (KeyboardInterrupt(), 1),
+        (OSError(28, 'No space left on device'), 2),
+    ],
+)
 def test_a_failure_half_way_leaves_everything_as_it_was(
     plain: Outcome,
     confounded: Outcome,

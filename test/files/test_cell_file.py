@@ -122,7 +122,7 @@ names = st.text(
 )
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(
     nominal=st.builds(
         Parameters, x0=small, y0=small, theta1=st.floats(-3, 3), p_ee=small, p1=small, p2=small, g_ee=small, g1=small
@@ -158,10 +158,8 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper) -> 
 
 STATED_WRONG = [
     ('plate: a', 'plate: b', "objects[0].plate: no plate is named 'b'; the plates are a"),
-    ('radius: 5.0e-6}', 'radius: -5.0e-6}', 'objects[0].uncertainty.radius: expected 0 to 0.002 m, got -5e-06'),
     ('center: 1.5e-5', 'centre: 1.5e-5', "objects[0].uncertainty: unknown key 'centre'"),
     ('center: 1.0e-3', 'center: 0.03', 'plates[0].uncertainty.center: expected 0 to 0.02 m, got 0.03'),
-    ('center: 1.5e-5', 'center: 0.015', 'objects[0].uncertainty.center: expected 0 to 0.002 m, got 0.015'),
     ('radius: 5.0e-6}', 'radius: 5.0}', 'expected 0 to 0.002 m, got 5; it is in m: 1.5e-5 for 15 µm'),
     ('  radius: 5.0e-6', '  radius: 0.005', 'uncertainty.radius: expected 0 to 0.002 m, got 0.005'),
     ('force_gain: 0.005', 'force_gain: 0.5', 'expected 0 to 0.2, got 0.5; it is a part of 1: 0.005 for 0.5 %'),
@@ -170,7 +168,6 @@ STATED_WRONG = [
     ('l2: 1.0e-3}', 'l3: 1.0e-3}', "uncertainty.nominal: unknown key 'l3'"),
     ('x: [-0.35, 0.35]', 'x: [0.35, -0.35]', 'region.x: expected the lower limit first, got [0.35, -0.35]'),
     (', y: [0.20, 0.55]', '', "region: the key 'y' is missing"),
-    ('tip: 5.0e-5', 'tip: 0', 'tolerance.tip: expected above 0, at most'),
     ('gravity: [0.0, 0.0]', 'gravity: [0.0, -98.1]', 'gravity: expected at most 25 m/s²'),
     ('[-2.6, 2.5]', '[-150, 2.5]', 'robot.limits.joint1.lower limit: expected -12.6 to 12.6 rad, got -150'),
     ('-2.4, 2.3', '2.3, -2.4', 'robot.limits.joint2: expected the lower limit first'),
@@ -183,7 +180,6 @@ STATED_WRONG = [
     ('[0.3, 0.1], ', '', 'obstacles[0].outline: expected 3 to 50 corners'),
     ('[0.3, 0.1]', '[0.3]', 'obstacles[0].outline.corner 0: expected [x, y], got [0.3]'),
     ('[0.3, 0.1]', 'null', 'obstacles[0].outline.corner 0: expected [x, y], got None'),
-    ('l2: 1.0e-3}', 'l2: }', 'uncertainty.nominal.l2: expected a number, got None'),
     ('max_force: 80', 'max_force: 50', 'touch.max_force: expected more than the largest force of 50 N'),
     ('[20, 50]', '[50, 20]', 'touch.force: expected the smallest force first'),
     ('contact_speed: 0.005', 'contact_speed: 0.5', 'touch.contact_speed: expected above 0, at most 0.05 m/s, got 0.5'),
@@ -219,7 +215,6 @@ def with_sizes(text: str) -> str:
     [
         ('', 'expected a mapping with robot, objects'),
         ('[]', 'expected a mapping'),
-        ('42', 'expected a mapping'),
         (changed('objects:', 'objetcs:'), "unknown key 'objetcs'; did you mean 'objects'?"),
         (changed('sign: on_object', 'singn: on_object'), "sensor: unknown key 'singn'; did you mean 'sign'?"),
         (changed('radius: 0.15', 'radius: 0.15, diameter: 1'), "objects[0]: unknown key 'diameter'"),
@@ -231,7 +226,6 @@ def with_sizes(text: str) -> str:
             changed('  sign: on_object', '  time_offset: 5.0e+9\n  sign: on_object'),
             'time_offset: expected -4e+09 to 4e+09 s',
         ),
-        (changed('radius: 0.15', 'radius: 0'), 'objects[0].radius: expected a number above 0'),
         (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
         (changed('radius: 0.15', 'radius: "0.15"'), 'objects[0].radius: expected a number'),
         (changed('radius: 0.15', 'radius: .nan'), 'objects[0].radius: expected a finite number'),
@@ -244,14 +238,11 @@ def with_sizes(text: str) -> str:
         (changed('name: disc_2', 'name: 2'), 'objects[1].name: expected a string'),
         (changed('name: disc_2', 'name: " "'), 'objects[1].name: expected a name'),
         (changed('l1: 0.33', 'l1: 0'), 'robot.nominal.l1: expected a number above 0'),
-        (changed('l2: 0.33', 'l2: -0.33'), 'robot.nominal.l2: expected a number above 0'),
         (changed('p1: 1.0e-5', 'p1: -1.0e-5'), 'robot.nominal.p1: expected 0 or more'),
-        (changed('g2: 0.0', 'g2: -1e-9'), 'robot.nominal.g2: expected 0 or more'),
         (changed('joint: 1.0e-5', 'joint: 0'), 'noise.joint: expected 1e-15 to 0.01 rad, got 0'),
         (changed('joint: 1.0e-5', 'joint: [1.0e-5]'), 'noise.joint: expected [joint 1, joint 2], got [1e-05]'),
         (changed('force: 0.3', 'force: [0.3, 0]'), 'noise.force.y: expected 1e-12 to 100 N, got 0'),
         (changed('force: 0.3', 'force: 0.3, force_relative: 1'), 'noise.force_relative: expected 0 to 0.2, got 1'),
-        (changed('force: 0.3', 'force: -1'), 'noise.force: expected 1e-12 to 100 N, got -1'),
         (
             changed('{joint: 1.0e-5, force: 0.3}', '{joint: 1.0e-5}'),
             'noise: force is missing; joint and force are given together',
@@ -288,15 +279,13 @@ def with_sizes(text: str) -> str:
         (CONTRACT.partition('objects:')[0] + 'objects: [3]', 'objects[0]: expected a mapping'),
         (CONTRACT + 'noise: {joint: 1, force: 1}', "line 17: the key 'noise' is given twice"),
         ('a: [', 'not valid YAML: line 1'),
-        ('a: b: c', 'not valid YAML: line 1'),
-        ('\ta: 1', 'not valid YAML: line 1'),
         ('a: 1\0', 'not valid YAML'),
         ('---\n1\n---\n2', 'not valid YAML'),
         ('a: &x 1', 'anchors and aliases are not allowed'),
         ('a: *x', 'anchors and aliases are not allowed'),
         ('!!python/object/apply:os.system [ls]', 'is not allowed'),
         ('? [a, b]\n: 1', 'a key must be a word'),
-        ('[' * 100_000, 'nested deeper than 32'),
+        ('[' * 5_000, 'nested deeper than 32'),
         (CONTRACT + '#' * 300_000, 'expected at most 256 KiB'),
         (changed('[0.20, 0.40]', '[0.20, 0.14]').replace('l1: 0.33', 'l1: 0.6').replace('l2: 0.33', 'l2: 0.2').replace(
             DISC_3, ''), "'disc_2' is out of reach, 0.2441 m from the base at (0, 0) m where the tip reaches 0.4 to"),

@@ -137,7 +137,7 @@ def test_results(grown: Outcome) -> None:
 
 
 @given(text=st.text(st.characters(exclude_categories=['Cs']), max_size=20))
-@settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 def test_anything(text: str) -> None:
     line = comment(text)
     assert '--' not in line

@@ -1,25 +1,130 @@
-"""The URDF of an arm has the kinematics of the model."""
+"""The URDF of an arm, and a user's URDF with corrected origins: the tip is that of the arm, all other bytes stay."""
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from files.robots import Tree
+import yaml
+from files.robots import CASES, SCARA, Case, Tree, text_of
+from files.test_robot_cell import cell_of, described
 
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.calibration_file import nominal_arm
+from scara_kinetostatic.files.export import exported_into
 from scara_kinetostatic.files.urdf import CALIBRATED, TOOL_FRAME, Arm, arm_urdf, side_by_side
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Plane
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+
+
+def calibrated(text: str, name: str = 'scara', l2: float = -1.5e-3) -> CalibratedArm:
+    """An arm that differs from the URDF by some millimetres and milliradians."""
+    arm = nominal_arm(cell_of(described(text, name)[0]))
+    n = arm.cell.nominal
+    more = {'x0': 1e-3, 'y0': -2e-3, 'theta1': n.theta1 + 3e-3, 'l1': n.l1 + 1e-3, 'theta2': n.theta2 - 2e-3}
+    return replace(arm, model=ExtendedModel(n.replace(**more, l2=n.l2 + l2, g1=1e-4)))
+
+
+def into(arm: CalibratedArm, content: bytes, path: Path) -> tuple[tuple[str, str], list[str]]:
+    path.write_bytes(content)
+    return exported_into(arm, path, 'calibration.json')
+
+
+def largest_miss(urdf: str, arm: CalibratedArm, case: Case) -> float:
+    """Of the tip of a URDF from H(L, Q), at 60 poses, m."""
+    readings, tree = np.random.default_rng(3).uniform(-3, 3, (60, 2)), Tree(urdf)
+    held, p = dict(arm.cell.hold), arm.model.parameters
+    tips = [tree.frame(case.tip, held | dict(zip(case.joints, pair, strict=True)))[1] for pair in readings.tolist()]
+    off = arm.cell.plane.in_plane(np.array(tips))[:, :2] - forward(p, arm.cell.angles(readings))
+    return float(np.abs(off).max())
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_the_tip_is_that_of_the_calibrated_arm(name: str, tmp_path: Path) -> None:
+    text = text_of(CASES[name])
+    arm = calibrated(text, name)
+    files, notes = into(arm, text.encode(), tmp_path / 'robot.urdf')
+    assert largest_miss(text, arm, CASES[name]) > 1e-3 and largest_miss(files[0], arm, CASES[name]) < 1e-9
+    found = cell_of(described(files[0], name)[0])
+    assert (found.nominal.l1, found.nominal.l2) == pytest.approx((arm.model.parameters.l1, arm.model.parameters.l2))
+    again, _ = into(arm, files[0].encode(), tmp_path / 'again.urdf')
+    assert largest_miss(again[0], arm, CASES[name]) < 1e-9
+    assert any('cannot hold compliance and backlash (p_ee 1e-05 m/N' in note for note in notes)
+
+
+@pytest.mark.parametrize(('l2', 'number', 'newline'), [(0.0, 2, '\n'), (-1e-3, 3, '\r\n')])
+def test_all_else_stays(l2: float, number: int, newline: str, tmp_path: Path) -> None:
+    """Two origins, and that of the joint behind for another l2; the comment stands before the root."""
+    text = SCARA.replace('\n', newline)
+    files, _ = into(calibrated(SCARA, l2=l2), text.encode(), tmp_path / 'robot.urdf')
+    before, after = text.splitlines(keepends=True), files[0].splitlines(keepends=True)
+    changes = [line for line in difflib.ndiff(before, after) if line[:2] in ('- ', '+ ')]
+    comment = [line[2:] for line in changes if '<origin' not in line]
+    assert comment[0] == f'<!--{newline}' and comment[-1] == f'-->{newline}' and 'cannot hold compl' in ''.join(comment)
+    assert len([line for line in changes if line.startswith('- ')]) == number
+    assert '<!-- a comment of the user -->' in files[0]
+    assert 'rpy="0 0 0.103" xyz="' in files[0], 'the order of the attributes, and numbers that are the same'
+    assert files[0].count('"0 0 0"') == text.count('"0 0 0"')
+
+
+def test_an_origin_that_is_not_there_is_added(tmp_path: Path) -> None:
+    bare = SCARA.replace('    <origin rpy="0 0 0.1" xyz="0.0 0.0 0.05"/>\n', '')
+    arm = calibrated(bare)
+    files, _ = into(arm, bare.encode(), tmp_path / 'robot.urdf')
+    assert largest_miss(files[0], arm, CASES['scara']) < 1e-9
+
+
+def test_the_origins_as_ur_calibration_writes_them(tmp_path: Path) -> None:
+    files, _ = into(calibrated(SCARA), SCARA.encode(), tmp_path / 'robot.urdf')
+    found, tree = yaml.safe_load(files[1])['kinematics'], Tree(files[0])
+    assert list(found) == ['upper', 'fore', 'quill']
+    for name, numbers in found.items():
+        origin = tree.joints[f'{name}_link'].find('origin')
+        assert list(numbers) == ['x', 'y', 'z', 'roll', 'pitch', 'yaw']
+        words = f'{origin.get("xyz")} {origin.get("rpy", "0 0 0")}'.split()
+        assert [*numbers.values()] == pytest.approx([float(word) for word in words], abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ('change', 'plane', 'words'),
+    [
+        (('xyz="0.3 0.02', 'xyz="0.4 0.02'), {}, 'differs by 0.099 m or rad from what was calibrated'),
+        (('<axis xyz="0 0 1"/>', '<axis xyz="0 0 -1"/>'), {}, 'or a joint turns the other way; give the URDF'),
+        (('"shoulder"', '"one"'), {}, "no joint 'shoulder'; its joints are one elbow quill flange"),
+        (('', ''), {'plane': Plane()}, 'its cell has no robot.plane with a tip; describe the cell by'),
+        (('', ''), {'coupling': 0.2}, 'a URDF has no coupling of joints'),
+        (('a comment of the user', 'd\xe9j\xe0 vu'), {}, 'is no valid URDF: not well-formed'),
+    ],
+)
+def test_refused_in_one_line(change: tuple[str, str], plane: dict[str, object], words: str, tmp_path: Path) -> None:
+    arm = calibrated(SCARA)
+    arm = replace(arm, cell=replace(arm.cell, **plane))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=words.replace('(', r'\(')) as caught:
+        into(arm, SCARA.replace(*change).encode('latin-1'), tmp_path / 'robot.urdf')
+    assert '\n' not in str(caught.value)
+
+
+def test_parameters_of_an_arm_that_is_not_changed_change_nothing(tmp_path: Path) -> None:
+    arm = nominal_arm(cell_of(described(SCARA)[0]))
+    files, _ = into(arm, SCARA.encode(), tmp_path / 'robot.urdf')
+    text = files[0]
+    assert text[: text.index('<!--')] + text[text.index('<robot') :] == SCARA
+
 
 JOINTS = ('shoulder', 'elbow & more')
 CELL = replace(PAPER_CELL, joint_names=JOINTS)
 
 
-@pytest.mark.parametrize(('seed', 'coupling'), [(0, 0.0), (1, 0.0), (2, 0.0), (3, 16 / 76), (4, -1.0)])
-@pytest.mark.parametrize('direction', [(1, 1), (-1, 1), (-1, -1)])
+@pytest.mark.parametrize(
+    ('seed', 'coupling', 'direction'), [(0, 0.0, (1, 1)), (1, 0.0, (-1, 1)), (3, 16 / 76, (-1, -1)), (4, -1.0, (1, -1))]
+)
 def test_the_tip_is_that_of_the_rigid_arm(seed: int, coupling: float, direction: tuple[int, int]) -> None:
     cell, random = replace(CELL, coupling=coupling, direction=direction), np.random.default_rng(seed)
     parameters = PAPER_ACTUAL.replace(theta1=random.uniform(-3, 3), theta2=random.uniform(-3, 3), l2=0.1 + seed)

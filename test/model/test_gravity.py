@@ -205,20 +205,14 @@ def test_cell_file_round_trip():
     assert flat.nominal.names == NAMES and flat.nominal == sk.PAPER_NOMINAL
 
 
-FLAT = dump_cell(replace(CELL, nominal=sk.PAPER_NOMINAL))
-
-
 @pytest.mark.parametrize(
     ('text', 'problem'),
     [
-        (f'{FLAT}gravity: [0.0, -9810.0]\n', 'gravity.* at most 25 m/s²'),
-        (f'{FLAT}gravity: [.nan, 0.0]\n', 'gravity.* finite'),
-        (f'{FLAT}gravity: [9.81]\n', 'gravity.* expected'),
-        (f'{FLAT}gravity: 9.81\n', 'gravity.* expected'),
+        (dump_cell(replace(CELL, nominal=sk.PAPER_NOMINAL)) + 'gravity: [9.81]\n', 'gravity.* expected'),
         (dump_cell(CELL).replace(f'gravity: {list(GRAVITY)}', ''), 'moments'),
     ],
 )
-def test_refuses_gravity_that_no_arm_holds_and_moments_without_it(text, problem):
+def test_refuses_gravity_that_is_no_vector_and_moments_without_it(text, problem):
     with pytest.raises(sk.ScaraKinetostaticError, match=problem) as caught:
         parse_cell(text)
     assert '\n' not in str(caught.value)

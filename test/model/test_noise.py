@@ -53,7 +53,7 @@ def test_fit_with_stated_noise_by_axis_is_weighted_by_it(frame):
     cell = replace(PAPER_CELL, sensor=Sensor(frame=frame), noise=BY_AXIS)
     plain = replace(cell, noise=Noise(BY_AXIS.joint_rms, BY_AXIS.force_rms))
     plan, z, better = default_plan(cell, 12), [], []
-    for seed in range(12):
+    for seed in range(8):
         data = simulate_touches(cell, PAPER_ACTUAL, plan, BY_AXIS, seed)
         found = calibrate(data, cell)
         assert (found.noise, found.noise_source) == (BY_AXIS, 'given')

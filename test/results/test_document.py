@@ -53,7 +53,7 @@ def check(found: Any, expected: Any, path: str) -> None:
         assert not isinstance(found, bool), path
 
 
-@pytest.mark.parametrize('which', ['confounded', 'nasty', 'grown', 'ambiguous', 'unnamed'])
+@pytest.mark.parametrize('which', ['confounded', 'nasty', 'grown'])
 def test_contract(which: str, request: pytest.FixtureRequest) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     found = read(outcome)

@@ -55,66 +55,52 @@ def parse(page: str) -> Reader:
     return reader
 
 
-EXTENDED = ('grown', 'ambiguous')
+@pytest.fixture(scope='module')
+def page(nasty: Outcome) -> str:
+    return html_text(nasty)
 
 
 @pytest.fixture(scope='module')
 def extended_pages(request: pytest.FixtureRequest) -> dict[str, str]:
-    return {which: html_text(request.getfixturevalue(which)) for which in EXTENDED}
+    return {which: html_text(request.getfixturevalue(which)) for which in ('grown', 'ambiguous')}
 
 
 def words_of(page: str) -> str:
     return ' '.join(''.join(parse(page).text).split())
 
 
-@pytest.fixture(scope='module')
-def page(nasty: Outcome) -> str:
-    return html_text(nasty)
-
-
 def test_names_come_out_as_text(page: str, nasty: Outcome) -> None:
-    reader = parse(page)
-    assert 'script' not in reader.metadata
-    text = ''.join(reader.text)
+    text = ''.join(parse(page).text)
     for disc in nasty.calibration.cell.discs:
         assert text.count(disc.name) >= 2  # in the pictures and their legend
-    check_pictures(page)
 
 
-def check_pictures(page: str) -> None:
-    for svg in re.findall(r'<svg.*?</svg>', page, re.DOTALL):
-        ElementTree.fromstring(svg.replace('xlink:href', 'href'))
-
-
-def test_nothing_comes_from_outside(page: str, extended_pages: dict[str, str]) -> None:
+def test_every_page_is_whole_and_needs_nothing_from_outside(page: str, extended_pages: dict[str, str]) -> None:
     for each in (page, *extended_pages.values()):
-        check_self_contained(each)
-
-
-def check_self_contained(page: str) -> None:
-    reader = parse(page)
-    assert not {'link', 'img', 'iframe', 'object', 'embed'} & reader.metadata
-    for name, value in reader.attributes:
-        if name in ('src', 'href', 'xlink:href', 'action', 'data'):
-            assert value is not None
-            assert value.startswith('#'), f'{name}={value}'
-    assert not re.search(r'@import|url\((?!#)', page)
-    without_namespaces = re.sub(r'xmlns(:\w+)?="[^"]*"', '', page)
-    assert '//' not in re.sub(r'<!--.*?-->', '', without_namespaces, flags=re.DOTALL)
-
-
-def test_identifiers_are_unique_and_found(page: str, extended_pages: dict[str, str]) -> None:
-    for each in (page, *extended_pages.values()):
-        identifiers = parse(each).identifiers
-        assert len(identifiers) == len(set(identifiers))
-        used = set(re.findall(r'(?:href="|url\()#([\w-]+)', each))
-        assert used <= set(identifiers)
+        reader = parse(each)
+        for svg in re.findall(r'<svg.*?</svg>', each, re.DOTALL):
+            ElementTree.fromstring(svg.replace('xlink:href', 'href'))
+        assert not {'script', 'link', 'img', 'iframe', 'object', 'embed'} & reader.metadata
+        for name, value in reader.attributes:
+            if name in ('src', 'href', 'xlink:href', 'action', 'data'):
+                assert value is not None and value.startswith('#'), f'{name}={value}'
+        assert not re.search(r'@import|url\((?!#)', each)
+        without_namespaces = re.sub(r'xmlns(:\w+)?="[^"]*"', '', each)
+        assert '//' not in re.sub(r'<!--.*?-->', '', without_namespaces, flags=re.DOTALL)
+        assert len(reader.identifiers) == len(set(reader.identifiers))
+        assert set(re.findall(r'(?:href="|url\()#([\w-]+)', each)) <= set(reader.identifiers)
+        assert 'nan' not in words_of(each).lower().split()
+        cells = re.findall(r'<td[^>]*>([^<]*)</td>', each)
+        assert not [cell for cell in cells if re.fullmatch(r'[-−+]0(\.0*)?( .*)?', cell)], 'no zero has a sign'
 
 
 def test_everything_is_said(page: str, nasty: Outcome) -> None:
     text = words_of(page)
     c = nasty.calibration
-    assert 'The base model explains these touches' in text
+    assert 'The base model explains these touches. No model error detected (p = ' in text
+    assert 'Effects that these touches cannot identify' in text
+    assert 'bending of link 2 is always part of p2' in text
+    assert 'Candidate effects' not in text
     assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
     compared = nasty.comparison
     assert f'{1e6 * compared.nominal_tip:.0f} → {1e6 * compared.extended.tip.held_out:.3g} µm' in text
@@ -123,7 +109,6 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     assert nasty.warnings[0] in text
     assert page.count('<svg') == 2 + 4
     assert 'residuals.csv has all touches' in text
-    assert 'nan' not in text.lower().split()
 
 
 def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
@@ -135,18 +120,8 @@ def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
     assert page.count('<tr class="faint"><td>l1<') == 1
 
 
-def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
-    text = words_of(page)
-    assert 'The base model explains these touches. No model error detected (p = ' in text
-    assert 'Effects that these touches cannot identify' in text
-    assert 'bending of link 2 is always part of p2' in text
-    assert 'Candidate effects' not in text
-
-
 def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], grown: Outcome) -> None:
     page, text = extended_pages['grown'], words_of(extended_pages['grown'])
-    check_pictures(page)
-    assert 'script' not in parse(page).metadata
     (item,) = grown.diagnosis.found
     assert f'{item.effect.title} {item.effect.label}' in text
     compared = grown.comparison
@@ -159,7 +134,6 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert '>rejected<' in page
     (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
     assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
-    assert 'nan' not in text.lower().split()
 
 
 def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
@@ -183,11 +157,6 @@ def test_of_a_scatter_it_is_said_that_nothing_predicts_it(grown: Outcome) -> Non
 FOLDED = ('Limits of this diagnosis', 'Identifiability and noise', 'The cell', 'Residuals', 'Touches:')
 
 
-def test_a_picture_is_as_wide_as_a_narrow_screen(page: str) -> None:
-    narrow = page[page.index('@media screen and (max-width: 720px)') : page.index('@page')]
-    assert 'svg' not in narrow
-
-
 def test_maps_have_no_steps(plain: Outcome) -> None:
     for places in plain.tip_uncertainty.maps:
         fine = _smooth(places.expanded)
@@ -201,6 +170,8 @@ def test_maps_have_no_steps(plain: Outcome) -> None:
 def test_what_is_folded_is_open_on_paper(page: str) -> None:
     """By a hidden checkbox: no style opens <details> on paper in every browser."""
     assert '<details' not in page
+    narrow = page[page.index('@media screen and (max-width: 720px)') : page.index('@page')]
+    assert 'svg' not in narrow, 'a picture is as wide as the screen'
     on_paper = page.rpartition('@media print {')[2]
     assert re.search(r'\.folded \{ display: block', on_paper)
     for name in FOLDED:
@@ -239,9 +210,3 @@ def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:
         fact = numbers(replace(plain, calibration=known))[1]
         assert (fact.value, fact.unit) == (f'{1e6 * worst:.3g} of {1e6 * factor * worst:.3g}', 'µm')
         assert words in fact.remark
-
-
-def test_no_zero_has_a_sign(page: str, extended_pages: dict[str, str]) -> None:
-    for each in (page, *extended_pages.values()):
-        cells = re.findall(r'<td[^>]*>([^<]*)</td>', each)
-        assert not [cell for cell in cells if re.fullmatch(r'[-−+]0(\.0*)?( .*)?', cell)]

@@ -18,7 +18,7 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.results.parameter_file import effect_parameters, facts, load_result, parameter_text
 
 
-@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty'])
+@pytest.mark.parametrize('which', ['plain', 'confounded'])
 def test_values(which: str, request: pytest.FixtureRequest) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     c = outcome.calibration

@@ -16,10 +16,11 @@ from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.report import Report, as_page
 from scara_kinetostatic.report.quantities import SCALES, micrometres
 from scara_kinetostatic.results import messages
 from scara_kinetostatic.results.messages import parameter_table
-from scara_kinetostatic.results.report import MOST_REJECTED, html_text, text_report
+from scara_kinetostatic.results.report import MOST_REJECTED, text_report
 
 
 def joined(outcome: Outcome) -> str:
@@ -150,4 +151,4 @@ def test_a_command_in_an_action_keeps_the_labels_that_can_be_typed(grown: Outcom
     outcome = replace(grown)
     vars(outcome)['assessment'] = Assessment(Grade.CAUTION, ('the cause is open',), (f'hold it by {command}',))
     assert command in joined(outcome)
-    assert command in unescape(html_text(outcome))
+    assert command in unescape(as_page(Report('', messages.answer(outcome.assessment, None), ())))
