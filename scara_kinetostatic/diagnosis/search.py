@@ -259,10 +259,10 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
     if ruled_out:
         sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels not in ruled_out))
         labels, groups = _partition(sets)
-        found = found._replace(scored_subsets=sets, in_every_model=labels, rivals=groups)
-        if not groups:
-            model = _fit_named(base, known, found.problem, sets.credible[0].members) or rivals[0]
-            found = found._replace(model=model)
+        members, best = _union(sets), len(sets.credible[0].members)
+        model = _fit_named(base, known, found.problem, members[:best], members[best:])
+        model = model or (found.model if groups else rivals[0])
+        found = found._replace(model=model, scored_subsets=sets, in_every_model=labels, rivals=groups)
     return found, Rivals(tuple(rivals), (*[1.0] * len(rivals), *weights), tuple(general))
 
 
