@@ -17,7 +17,7 @@ from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import RIVALS, DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import RIVALS, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
@@ -366,7 +366,11 @@ def kept(evidence: Evidence) -> Iterator[str]:
 def advice(evidence: Evidence) -> str:
     """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
     worst = evidence.tip_uncertainty.worst
-    if max(evidence.budget, key=lambda item: item.tip).label == RIVALS:
+    largest = max(evidence.budget, key=lambda item: item.tip).label
+    for effect in (item.effect for item in evidence.diagnosis.found):
+        if largest == f'{VALUE}[{effect.label}.{effect.grid_parameter}]':
+            return f'record {effect.identified_by}: the choice of {effect.grid_parameter} dominates'
+    if largest == RIVALS:
         touches, d = 'make the touches that tell the possible causes apart', evidence.diagnosis
         discriminate = to_discriminate(d) if d.discriminating == () else touches
         return f'{discriminate}: the choice among them dominates'

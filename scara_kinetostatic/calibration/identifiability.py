@@ -114,7 +114,9 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
     if noise is None and not weak.any():
         return np.empty((len(free), 0))
     seen, values = system.right[:, ~weak], system.values[~weak]
-    by_noise = _noise_triangle(observations, point, noise) @ scale if noise else np.zeros((1, scale.shape[1]))
+    by_noise = (
+        _noise_triangle(observations, point, noise) @ scale if noise is not None else np.zeros((1, scale.shape[1]))
+    )
     _, shares, directions = np.linalg.svd(by_noise @ (seen / values), full_matrices=False)
     noisy = (seen / values) @ directions[shares**2 > NOISE_SHARE].T
     together = np.concatenate([system.right[:, weak], noisy / np.linalg.norm(noisy, axis=0)], axis=1)

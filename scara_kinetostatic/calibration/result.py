@@ -413,8 +413,8 @@ class Contribution(NamedTuple):
     """What one source of uncertainty contributes to the covariance of a fit (GUM, 5.2 and annex H).
 
     Attributes:
-        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``, or
-            ``undetected[name]`` of effects.
+        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``,
+            ``undetected[name]`` of effects, ``rivals``, or ``value[name]`` of a friction, moment or frequency.
         declared: its declared standard uncertainty; None for noise.
         unit: of `declared`.
         covariance: its part of the covariance of all values, of the shape of `Calibration.covariance`.

@@ -211,8 +211,9 @@ def _with_extended_model(
     when = moments(found.fit)
     fit = _with_moments(found.fit, when)
     after = adequacy(fit)
-    rivals = [_with_moments(rival.fit, moments(rival.fit)) for rival in likely.models]
-    fit = with_large_effects(averaged(fit, (*likely.models, *likely.more_general), likely.weights), found.model)
+    every = [_with_moments(one.fit, moments(one.fit)) for one in (*likely.models, *likely.more_general)]
+    fit = with_large_effects(averaged(fit, every, likely.weights), found.model)
+    rivals = every[: len(likely.models)]
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':
@@ -242,7 +243,7 @@ def _with_extended_model(
 def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
     """A calibration with the uncertainty of the places of its effects on their grids."""
     for moment in when:
-        effect, fit = moment.effect, with_places(fit, moment.effect, moment.values, moment.weight)
+        effect, fit = moment.effect, with_places(fit, moment.effect, moment.change, moment.weight)
         at = fit.model.names.index(f'{effect.label}.{effect.grid_parameter}') - fit.model.base_count
         std = fit.effect_std.copy()
         std[at] = np.fmax(std[at], moment.std)

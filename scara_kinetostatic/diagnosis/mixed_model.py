@@ -172,7 +172,7 @@ def _settled(
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
         solved = _solve(latest, c, sizes, logs, levels)
         logs, shift = solved.logs, _shift(latest, solved)
-        moved = _closer(latest, _moved(latest, solved, c.noise))
+        moved, is_whole = _closer(latest, _moved(latest, solved, c.noise))
         if number == most - 1 or not shift < _LOST:
             break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
@@ -183,7 +183,7 @@ def _settled(
         latest = with_projection(replace(moved, used=good), moved.projection)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
-    return _result(moved, c, solved, is_converged=most == 1 or shift < 1.0)
+    return _result(moved, c, solved, is_converged=is_whole and (most == 1 or shift < 1.0))
 
 
 def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[Effect]) -> tuple[Calibration, Mask]:
@@ -407,17 +407,22 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
     return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
 
 
-def _closer(before: Calibration, after: Calibration) -> Calibration:
-    """The solution of a linearisation, or a half, a quarter, an eighth of the way where the touches are further off."""
+def _closer(before: Calibration, after: Calibration) -> tuple[Calibration, bool]:
+    """The solution of a linearisation, or a half, a quarter, an eighth of the way where the touches are further off;
+    whether it is the solution.
+    """
     least = float(before.projection.distance[before.used].sum())
-    for _ in range(3):
-        if after.projection.distance[before.used].sum() <= _FURTHER * least:
+    # the distances after it are in the noise that it has found
+    pairs = zip(after.noise.levels, before.noise.levels, strict=True)
+    most = _FURTHER * least / min((new / old) ** 2 for new, old in pairs if old)
+    for number in range(4):
+        if number == 3 or after.projection.distance[before.used].sum() <= most:
             break
-        pairs = ((getattr(one, name) for one in (before, after)) for name in ('errors', 'random_values'))
-        errors, random = (0.5 * (one + other) for one, other in pairs)
+        both = ((getattr(one, name) for one in (before, after)) for name in ('errors', 'random_values'))
+        errors, random = (0.5 * (one + other) for one, other in both)
         values = 0.5 * (before.model.as_array() + after.model.as_array())
         after = replace(after, model=after.model.with_array(values), errors=errors, random_values=random)
-    return after
+    return after, number == 0
 
 
 def _good(c: Calibration, solved: _Solved, moved: Calibration, late: bool) -> Mask:
@@ -517,7 +522,7 @@ def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
     return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
-def averaged(c: Calibration, rivals: Sequence[MixedModel], weights: Sequence[float]) -> Calibration:
+def averaged(c: Calibration, rivals: Sequence[Calibration], weights: Sequence[float]) -> Calibration:
     """A fit with the scatter of its rivals in the covariance of its L̄, and what they are less certain of than it is:
     the likelihood of the sizes then has several maxima, one for each.
 
@@ -529,17 +534,23 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel], weights: Sequence[flo
     if len(rivals) < 2:
         return c
     count, theirs, part = c.model.base_count, c.covariance.copy(), np.array(weights) / np.sum(weights)
-    off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
-    theirs[:count, :count] = np.tensordot(part, [rival.fit.covariance[:count, :count] for rival in rivals], 1)
+    off = np.array([rival.parameters.as_array() - c.parameters.as_array() for rival in rivals])
+    theirs[:count, :count] = np.tensordot(part, [rival.covariance[:count, :count] for rival in rivals], 1)
     return _with_scatter(c, RIVALS, off, part, theirs)
 
 
-def with_places(c: Calibration, effect: Effect, values: Floats, weight: Floats) -> Calibration:
-    """A fit with the scatter of its values (t, 12 + k) with other places of an effect on its grid, of some weights
-    (t,), in its covariance, in place of the variance that the linearisation gives this place.
+def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:
+    """A fit with the scatter of its values with other places of an effect on its grid in its covariance, in place of
+    the variance that the linearisation gives this place.
+
+    Args:
+        c: the fit.
+        effect: the effect.
+        change: of all values to each of the places, (t, 12 + k).
+        weight: of each, (t,).
     """
     name = f'{effect.label}.{effect.grid_parameter}'
-    at, own, off = c.model.names.index(name), c.covariance, values - c.model.as_array()
+    at, own, off = c.model.names.index(name), c.covariance, change.copy()
     known = own - np.outer(own[at], own[at]) / own[at, at] if own[at, at] > 0 else own
     first = at - effect.grid_parameter_index
     comparable = effect.amplitudes(np.ones(len(effect.parameters))) != 0  # a phase is not, of another frequency
@@ -557,15 +568,15 @@ def _with_scatter(c: Calibration, label: str, off: Floats, weight: Floats, their
         label: of the contribution.
         off: what the first values of each are off its own, (t, k).
         weight: of each, (t,).
-        theirs: the mean covariance of all values of `full_model` with one alternative.
+        theirs: the covariance of all values of `full_model` with one alternative, their mean.
     """
     own, size = c.covariance, off.shape[1]
     more = theirs - own
     more[:size, :size] += off.T @ (weight[:, None] * off)
     scale = np.sqrt(np.clip(np.diag(own + theirs), 0.0, None))
     scale[:size] = np.sqrt(scale[:size] ** 2 + weight @ off**2)
-    scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
+    unit = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     return _with_contribution(c, label, root @ root.T)
 

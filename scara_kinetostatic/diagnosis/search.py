@@ -43,7 +43,7 @@ _MOST_IN_UNION = 5
 _VANISHED = 0.1
 """Typical size below which named effects are none: in the mixed model others explain the touches."""
 _PEAKS = 8
-"""Places of a grid about which a frequency or a friction is compared at least."""
+"""Places of a grid about which a moment, a frequency or a friction is compared at least."""
 _UNLIKELY = 1e-3
 """Of the weight of the likeliest place of a grid, below which a place does not count."""
 _BELOW_ZERO = 4.0
@@ -214,7 +214,7 @@ def start_from(
     parts += [np.zeros(len(other.trial.columns)) for other in others]
     every = (*members, *others)
     values = [member.trial.values(part) for member, part in zip(every, parts, strict=True)]
-    moved = step * problem.without_effects + problem.response @ together @ found
+    moved = problem.without_effects + problem.response @ together @ found
     base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
     return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
@@ -241,7 +241,11 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
     larger; else it counts by the ratio of the two.
     """
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    tried = sets.credible[:_MOST_RIVALS]
+    named = {frozenset(one.labels) for one in sets.credible}
+    is_general = [bool(special_cases(one.members) & named) for one in sets.credible]
+    simple = [one for one, more in zip(sets.credible, is_general, strict=True) if not more]
+    general_sets = [one for one, more in zip(sets.credible, is_general, strict=True) if more]
+    tried = [*simple[:_MOST_RIVALS], *general_sets[:_MOST_RIVALS]]
     models = [_fit_named(base, known, found.problem, one.members, most=3) for one in tried]
     fits = [(one, fit) for one, fit in zip(tried, models, strict=True) if fit is not None]
     most = min((fit.deviance + one.penalty for one, fit in fits), default=0.0) + _RULED_OUT
@@ -250,12 +254,13 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
     rivals, general, weights = list[MixedModel](), list[MixedModel](), list[float]()
     for one, fit in kept:
         more = fit.deviance - min((deviance.get(case, np.inf) for case in special_cases(one.members)), default=np.inf)
-        if more < 0:
+        if more <= 0:
             rivals.append(fit)
         else:
             general.append(fit)
             weights.append(float(np.exp(-more / 2)))
     ruled_out = [one.labels for one, fit in fits if not any(fit is rival for rival in rivals)]
+    ruled_out += [one.labels for one in general_sets[_MOST_RIVALS:]]
     if ruled_out:
         sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels not in ruled_out))
         labels, groups = _partition(sets)
@@ -363,14 +368,15 @@ class Moment(NamedTuple):
         effect: the effect.
         text: between which touches a moment is, with a probability of 95 %; empty for others.
         std: its standard deviation.
-        values: of the model, with each of some places, (t, 12 + k).
-        weight: of these, (t,).
+        change: of L̄, and of the amplitudes of the effect, from the place of the fit to each of some places,
+            (t, 12 + k); other effects are as fitted.
+        weight: of these places, (t,).
     """
 
     effect: Effect
     text: str
     std: float
-    values: Floats
+    change: Floats
     weight: Floats
 
 
@@ -379,10 +385,9 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
     waves and kinks.
 
     Places of the grid are compared in the linear problem at the fit, about the likeliest of all: with χ²_k the least
-    sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before. All
-    values with each place are those of the same problem.
+    sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
     """
-    named = fitted_effects(fit)
+    named = [item for item in fitted_effects(fit) if item[0].label not in fit.held_effects]
     if not any(effect.grid_parameter for effect, _, _ in named):
         return ()
     problem, found = pose_problem(fit), []
@@ -391,7 +396,7 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
     for number, (effect, values, _) in enumerate(named):
         at = problem.touch_state
         trials = effect.trials(at, problem.force) if effect.grid_parameter else ()
-        if len(trials) < 2:
+        if len(trials) < 2 or any(f'{effect.label}.{p.name}' in fit.fixed for p in effect.parameters):
             continue
         others = [item.unit for k, item in enumerate(candidates) if k != number and item.unit.size]
         beside = orthonormal(np.concatenate(others, axis=1)) if others else None
@@ -409,14 +414,15 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         weight = np.exp((gain - gain.max()) / (2 * scale))
         likely = np.flatnonzero(weight > _UNLIKELY)
         weight /= weight.sum()
-        text, std = '', float(np.sqrt(weight @ (places - values[effect.grid_parameter_index]) ** 2))
+        off = np.abs(places - values[effect.grid_parameter_index])
+        text, std = '', float(np.sqrt(weight @ off**2))
         if effect.is_stepwise:
             text, std = _when(fit, problem, effect, places, weight)
-        every = [list(candidates) for _ in likely]
-        for one, k in zip(every, likely.tolist(), strict=True):
+        every = [list(candidates) for _ in range(len(likely) + 1)]
+        for one, k in zip(every, (*likely.tolist(), int(np.argmin(off))), strict=True):
             one[number] = one[number]._replace(trial=trials[k])
-        with_each = np.array([start_from(problem, one).as_array() for one in every])
-        found.append(Moment(effect, text, std, with_each, weight[likely] / weight[likely].sum()))
+        *with_each, here = (start_from(problem, one).as_array() for one in every)
+        found.append(Moment(effect, text, std, np.array(with_each) - here, weight[likely] / weight[likely].sum()))
     return tuple(found)
 
 

@@ -60,8 +60,8 @@ class Effect(EffectLaw):
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
-        special_cases: labels of effects that it contains or equals: one of these is named in its place unless it
-            explains the touches significantly better.
+        special_cases: labels of effects that it contains or equals: one of these is named in its place unless its
+            own restricted likelihood is larger.
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         is_linear: whether the shift is linear in the parameters.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.

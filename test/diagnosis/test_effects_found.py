@@ -20,6 +20,7 @@ from diagnosis.simulated import (
 )
 
 from benchmark import lone_flaws
+from benchmark.common import NO_OTHERS
 from benchmark.diagnosis.unlisted import OvalDisc, Ripple
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
@@ -223,4 +224,12 @@ def test_a_displaced_disc_friction_of_either_sense_and_a_wave_are_all_named():
     found = diagnose(calibrate(noisy.select(turned.solved), CELL))
     assert found.verdict == 'explained'
     assert set(named(found)) == {'contact_friction', DISC[0].label, WAVE[0].label}
+    check_parameters(found)
+
+
+def test_a_large_effect_that_is_not_linear_is_begun_nearer():
+    """A sensor whose gain falls by a third over the forces: the linear problem leads to where there is no contact."""
+    exact = replace(CELL, uncertainty=NO_OTHERS)
+    found = diagnose(calibrate(simulate((effect('sensor_nonlinearity'), (-5e-3,)), seed=1), exact))
+    assert 'sensor_nonlinearity' in named(found)
     check_parameters(found)

@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import mixed_model
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed, with_places
 from scara_kinetostatic.diagnosis.restricted_likelihood import large_sizes, posterior, scatter, size_prior
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
@@ -258,3 +258,19 @@ def test_an_object_left_out_checks_what_is_stated():
     displaced = replace(CELL, discs=(first._replace(x=first.x + 3e-4), *others))
     wrong = objects_left_out(calibrate(TOUCHES, replace(displaced, noise=None)))
     assert wrong.error > 2 * wrong.stated
+
+
+def test_places_on_a_grid_count_by_their_scatter():
+    """One place adds nothing; two a step apart, alike, its square, and nothing to what is fixed."""
+    wave = find(CELL, 'transmission_error[joint2]')
+    touches = simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, (wave,), ((2e-4, 0.5, 2.7),)), default_plan(CELL, 12))
+    held = calibrate(touches, CELL, fixed={'l1': PAPER_ACTUAL.l1})
+    fit = fit_mixed(held, (), ExtendedModel(held.parameters, (wave,), ((2e-4, 0.5, 2.7),))).fit
+    cycles, x0 = fit.model.names.index('transmission_error[joint2].cycles'), 0
+    change = np.zeros((2, len(fit.model.names)))
+    assert with_places(fit, wave, change[:1], np.ones(1)).covariance == pytest.approx(fit.covariance, abs=1e-18)
+    change[1, [x0, cycles]] = 1e-3, 0.4
+    more = with_places(fit, wave, change, np.array([0.5, 0.5])).covariance - fit.covariance
+    assert more[x0, x0] == pytest.approx(0.5e-6, rel=0.01)
+    assert more[x0, cycles] == pytest.approx(0.5 * 0.4e-3, rel=0.01)
+    assert not more[NAMES.index('l1')].any()
