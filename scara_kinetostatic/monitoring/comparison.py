@@ -35,7 +35,6 @@ from scipy.special import erfc
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.files.calibration_file import effect_entry, read_effect
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
@@ -69,12 +68,13 @@ def _known_there(known: CalibrationRecord, later: CalibrationRecord) -> Calibrat
     """What a calibration knows of the robot in the touches of another one: with its effects that mean the same there,
     and with those of the other that mean nothing here, as these were found.
     """
-    record, cell = known.without_undetected(), later.arm.cell
+    cell = later.arm.cell
+    record = known.without_undetected().in_cell(cell)
     arm, size = record.arm, len(record.arm.model.names)
 
     def model_of(pairs: Sequence[tuple[EffectLaw, tuple[float, ...]]]) -> ExtendedModel:
-        effects = [_in_cell(effect, cell, known.source) for effect, _ in pairs]
-        return ExtendedModel(arm.model.parameters, tuple(effects), tuple(values for _, values in pairs))
+        effects = tuple(effect for effect, _ in pairs)
+        return ExtendedModel(arm.model.parameters, effects, tuple(values for _, values in pairs))
 
     mine, theirs = (list(zip(m.effects, m.effect_values, strict=True)) for m in (arm.model, later.arm.model))
     kept = [pair for pair in mine if is_comparable(pair[0], arm.cell, cell)]
@@ -97,18 +97,6 @@ def _known_there(known: CalibrationRecord, later: CalibrationRecord) -> Calibrat
         values=np.concatenate([model.as_array(), record.values[size:]]),
         covariance=covariance,
     )
-
-
-def _in_cell(effect: EffectLaw, cell: Cell, source: str) -> EffectLaw:
-    """An effect in a cell that may number its objects otherwise."""
-    target, discs = getattr(effect, 'target', ''), [disc.name for disc in cell.discs]
-    if target not in discs:
-        return effect
-    entry = effect_entry(effect)
-    fields = {name: value for name, value in entry['fields'].items() if name not in ('discs', 'plate')}
-    if 'disc' in fields:
-        fields['disc'] = discs.index(target)
-    return read_effect(entry | {'fields': fields}, cell, source)
 
 
 class ParameterChange(NamedTuple):

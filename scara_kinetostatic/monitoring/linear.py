@@ -101,7 +101,8 @@ class State(NamedTuple):
         Errors of objects that the calibration does not know, or knows otherwise, are as the cell declares them.
         """
         cell = record.arm.cell if cell is None else cell
-        if record.arm.cell.discs == cell.discs:  # their undetected errors are what they were
+        before, now = ({disc.name: disc for disc in one.discs} for one in (record.arm.cell, cell))
+        if before == now:  # their undetected errors are what they were
             record = record.without_undetected()
         arm = record.arm
 

@@ -9,7 +9,7 @@ from datetime import datetime
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -119,6 +119,23 @@ class CalibrationRecord:
         document['covariance_with_cell'] = {**document['covariance_with_cell'], 'undetected': None}
         arm = replace(self.arm, covariance=covariance[:size, :size])
         return replace(self, document=document, arm=arm, covariance=covariance)
+
+    def in_cell(self, cell: Cell) -> CalibrationRecord:
+        """The same with the numbers that another cell gives its objects; what is of an object that it lacks acts
+        nowhere.
+        """
+        names = [disc.name for disc in cell.discs]
+        number = [names.index(disc.name) if disc.name in names else -1 for disc in self.arm.cell.discs]
+        effects = list[Any]()
+        for effect in self.arm.model.effects:
+            numbers = {'disc': getattr(effect, 'disc', None), 'discs': getattr(effect, 'discs', None)}
+            moved = {
+                key: number[old] if isinstance(old, int) else tuple(number[k] for k in old)
+                for key, old in numbers.items()
+                if old is not None
+            }
+            effects.append(replace(cast('Any', effect), **moved) if moved else effect)
+        return replace(self, arm=replace(self.arm, model=replace(self.arm.model, effects=tuple(effects))))
 
     def planner(self, cell: Cell, touches: TouchSet | None) -> Planner:
         """What the touches to make next are planned by.

@@ -215,6 +215,7 @@ def verify(
         raise UnsupportedDataError(f'no touch can be verified{reason}', 'see what `inspect` says about the recording')
     cell = cell or record.arm.cell
     check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
+    record = record.in_cell(cell)
     touches, noise = detection.touches.replace(order=np.full(len(detection.touches), LATER)), record.noise_freedoms
     state = State.of(record, cell)
     measured = measure(touches, record, state)

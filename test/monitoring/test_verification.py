@@ -149,3 +149,15 @@ def test_touches_that_were_seen(record: CalibrationRecord) -> None:
     assert again.repeated == 20 and again.assessment.grade is Grade.CAUTION
     assert 'part of the calibration: 20 of 20 touches' in again.assessment.reasons[0]
     assert not verification_document(again)['independent']
+
+
+def test_an_effect_of_an_object_stays_with_it_where_the_cell_lists_them_in_another_order() -> None:
+    displaced = ('object_position[disc_1]:x=4e-4,y=-3e-4',)
+    known = as_record(calibrate_touches(touches_of(CELL, 0, effects=displaced), CELL).final)
+    assert [effect.label for effect in known.arm.effects][:1] == ['object_position[disc_1]']
+    given = touches_of(CELL, 1, effects=displaced)
+    other = replace(CELL, discs=CELL.discs[::-1])
+    renumbered = given.replace(disc=len(CELL.discs) - 1 - given.disc)
+    found, same = verify(Detection.of(renumbered), known, other), verify(Detection.of(given), known)
+    assert found.tip_error == pytest.approx(same.tip_error, rel=1e-6)
+    assert found.p_value == pytest.approx(same.p_value, rel=1e-3)
