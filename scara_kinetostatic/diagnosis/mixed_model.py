@@ -74,8 +74,6 @@ _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
 """Standard deviations by which no step leads to a solution."""
-_FURTHER = 2.0
-"""Times the sum of squared distances before, beyond which a step is too long."""
 _SETTLED = 0.05
 """Standard deviations by which a further linearisation may move a value."""
 
@@ -408,21 +406,18 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
 
 
 def _closer(before: Calibration, after: Calibration) -> tuple[Calibration, bool]:
-    """The solution of a linearisation, or a half, a quarter, an eighth of the way where the touches are further off;
+    """The solution of a linearisation, or a half, a quarter, an eighth of the way where the model is not defined there;
     whether it is the solution.
     """
-    least = float(before.projection.distance[before.used].sum())
-    # the distances after it are in the noise that it has found
-    pairs = zip(after.noise.levels, before.noise.levels, strict=True)
-    most = _FURTHER * least / min((new / old) ** 2 for new, old in pairs if old)
-    for number in range(4):
-        if number == 3 or after.projection.distance[before.used].sum() <= most:
+    whole = after
+    for _ in range(3):
+        if np.isfinite(after.projection.distance[before.used]).all():
             break
         both = ((getattr(one, name) for one in (before, after)) for name in ('errors', 'random_values'))
         errors, random = (0.5 * (one + other) for one, other in both)
         values = 0.5 * (before.model.as_array() + after.model.as_array())
         after = replace(after, model=after.model.with_array(values), errors=errors, random_values=random)
-    return after, number == 0
+    return after, after is whole
 
 
 def _good(c: Calibration, solved: _Solved, moved: Calibration, late: bool) -> Mask:
