@@ -20,6 +20,7 @@ from scara_kinetostatic.calibration.result import Calibration, held_out_force_er
 from scara_kinetostatic.diagnosis.candidates import Candidate, all_candidates, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
+    CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
     Problem,
@@ -326,7 +327,9 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     own, model, base = len(best.base.model.effects), best.fit.model, replace(best.base, used=best.fit.used)
     named = ExtendedModel(model.parameters, model.effects[own:], model.effect_values[own:])
     light = _fit(base, known, named, begin=best.model)
-    return best._replace(lead=plain.deviance - best.deviance, model=light or best.model)
+    # where steps across a kink have led it away, the fit that it began at is better
+    final = light if light is not None and light.deviance <= best.model.deviance + CREDIBLE else best.model
+    return best._replace(lead=plain.deviance - best.deviance, model=final)
 
 
 def _is_robot(fit: Calibration) -> bool:
