@@ -1,10 +1,8 @@
 """A recording whose process dies; run by `test_bag_writer` as a program of its own.
 
-`crash.py steps FOLDER`: records the same run again and again, each time in a
-child process that dies just before its k-th dealing with the file system, for
-k = 0, 1, …; prints for each how many messages had been secured, and in the
-end `done`. `crash.py run FOLDER` records 20 000 messages and prints after every
-checkpoint how many messages are secured.
+`crash.py FOLDER`: records the same run again and again, each time in a child process that dies just before its k-th
+dealing with the file system, for k = 0, 1, …; prints for each how many messages had been secured, and in the end
+`done`.
 """
 
 from __future__ import annotations
@@ -23,9 +21,9 @@ from scara_kinetostatic.bags.writer import BagWriter
 DEATH = 9
 
 
-def record(folder: Path, number: int, report: Callable[[int], None]) -> None:
-    """A run of that many messages with a checkpoint every 32."""
-    items = messages(make_streams(number // 2, number // 2))
+def record(folder: Path, report: Callable[[int], None]) -> None:
+    """A run of 80 messages with a checkpoint every 32."""
+    items = messages(make_streams(40, 40))
     with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
         for count, item in enumerate(items, start=1):
             write(bag, [item])
@@ -62,7 +60,7 @@ def child(folder: Path, step: int, pipe: int) -> None:
         os.write(pipe, str(secured[-1]).encode())
 
     die_at(step, last_words)
-    record(folder, 80, secured.append)
+    record(folder, secured.append)
     last_words()
     os._exit(0)
 
@@ -82,7 +80,4 @@ def steps(parent: Path) -> None:
 
 
 if __name__ == '__main__':
-    if sys.argv[1] == 'steps':
-        steps(Path(sys.argv[2]))
-    else:
-        record(Path(sys.argv[2]), 20_000, lambda secured: print(secured, flush=True))
+    steps(Path(sys.argv[1]))

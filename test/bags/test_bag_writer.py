@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
-import random
-import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -24,7 +21,6 @@ from scara_kinetostatic.bags import writer
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.errors import OutputError, RecordingError
-from scara_kinetostatic.touches.streams import Streams
 
 ROOT = Path(__file__).parents[2]
 
@@ -65,7 +61,7 @@ def names(folder: Path) -> list[str]:
     return sorted(item.name for item in folder.iterdir())
 
 
-def test_a_run(tmp_path: Path, streams: Streams) -> None:
+def test_a_run(tmp_path, streams):
     folder, items = tmp_path / 'run', messages(streams)
     with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
         assert count(folder) == bag.recorded == 0
@@ -86,7 +82,7 @@ def test_a_run(tmp_path: Path, streams: Streams) -> None:
     assert embedded_cell(folder) == CELL
 
 
-def test_a_file_is_split_by_its_size(tmp_path: Path, streams: Streams, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_split_by_its_size(tmp_path, streams, monkeypatch):
     monkeypatch.setattr(writer, 'SPLIT_SIZE', 10_000)
     items = messages(streams)
     with BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time) as bag:
@@ -97,7 +93,7 @@ def test_a_file_is_split_by_its_size(tmp_path: Path, streams: Streams, monkeypat
     assert_same(read_streams(tmp_path / 'run', CELL), streams)
 
 
-def test_metadata_as_jazzy_writes_it(tmp_path: Path) -> None:
+def test_metadata_as_jazzy_writes_it(tmp_path):
     items = messages(make_streams(20, 20))
     with BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time) as bag:
         write(bag, items)
@@ -105,19 +101,15 @@ def test_metadata_as_jazzy_writes_it(tmp_path: Path) -> None:
     assert (data['version'], data['storage_identifier'], data['ros_distro']) == (9, 'mcap', 'jazzy')
     assert data['starting_time'] == {'nanoseconds_since_epoch': items[0].log_time}
     assert data['duration'] == {'nanoseconds': items[-1].log_time - items[0].log_time}
-    assert data['relative_file_paths'] == ['run_0.mcap']
     topics = {item['topic_metadata']['name']: item for item in data['topics_with_message_count']}
-    assert {name: item['message_count'] for name, item in topics.items()} == {
-        '/cell_description': 1,
-        '/joint_states': 20,
-        '/wrench': 20,
-    }
+    counts = {name: item['message_count'] for name, item in topics.items()}
+    assert counts == {'/cell_description': 1, '/joint_states': 20, '/wrench': 20}
     qos = topics['/cell_description']['topic_metadata']['offered_qos_profiles'][0]
     assert (qos['durability'], qos['reliability'], qos['depth']) == ('transient_local', 'reliable', 1)
     assert topics['/wrench']['topic_metadata']['type_description_hash'].startswith('RIHS01_8dc3deaf06b2')
 
 
-def test_a_run_without_messages_and_after_its_end(tmp_path: Path) -> None:
+def test_a_run_without_messages_and_after_its_end(tmp_path):
     with BagWriter(tmp_path / 'run', CELL) as bag:
         bag.checkpoint()
         before = names(tmp_path / 'run')
@@ -132,7 +124,7 @@ def test_a_run_without_messages_and_after_its_end(tmp_path: Path) -> None:
             action()
 
 
-def test_several_threads(tmp_path: Path, streams: Streams) -> None:
+def test_several_threads(tmp_path, streams):
     items = messages(streams)
     with BagWriter(tmp_path / 'run', CELL, log_time=0) as bag:
 
@@ -151,7 +143,7 @@ def test_several_threads(tmp_path: Path, streams: Streams) -> None:
     assert_same(read_streams(tmp_path / 'run', CELL), streams)
 
 
-def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
+def test_reading_while_writing(tmp_path, streams):
     """Checkpoints while the folder is read: everything up to the last checkpoint is found."""
     folder, items = tmp_path / 'run', messages(streams)
     bag = BagWriter(folder, CELL, log_time=0)
@@ -178,7 +170,7 @@ def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
 
 
 @pytest.mark.parametrize('calls', range(3))
-def test_the_disk_is_full(tmp_path: Path, streams: Streams, calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_disk_is_full(tmp_path, streams, calls, monkeypatch):
     """At whatever point of a checkpoint: the one before stays, one line says why, nothing more is taken."""
     folder, items = tmp_path / 'run', messages(streams)
     bag = BagWriter(folder, CELL, log_time=items[0].log_time)
@@ -205,25 +197,12 @@ def test_the_disk_is_full(tmp_path: Path, streams: Streams, calls: int, monkeypa
     assert count(folder) in (100, 200)
 
 
-def test_the_folder_is_taken_away(tmp_path: Path, streams: Streams) -> None:
-    bag = BagWriter(tmp_path / 'run', CELL)
-    (tmp_path / 'run').rename(tmp_path / 'moved')
-    with pytest.raises(OutputError, match='cannot be written: No such file or directory'):
-        write(bag, messages(streams))
-        bag.checkpoint()
-    assert count(tmp_path / 'moved') == 640
-
-
-def crash(*arguments: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}'}
-    program = str(Path(__file__).with_name('crash.py'))
-    return subprocess.Popen([sys.executable, program, *arguments], env=environment, stdout=subprocess.PIPE, text=True)
-
-
-def test_death_between_any_two_steps(tmp_path: Path) -> None:
+def test_death_between_any_two_steps(tmp_path):
     """The process vanishes before each of its dealings with the file system in turn."""
-    with crash('steps', str(tmp_path)) as process:
-        output = process.communicate(timeout=60)[0].split('\n')
+    environment = {**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}'}
+    command = [sys.executable, str(Path(__file__).with_name('crash.py')), str(tmp_path)]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    output = ended.stdout.split('\n')
     assert output[-2] == 'done'
     runs = [tuple(map(int, line.split())) for line in output[:-2]]
     assert len(runs) > 30
@@ -239,20 +218,7 @@ def test_death_between_any_two_steps(tmp_path: Path) -> None:
     assert strict_count(tmp_path / f'run{runs[-1][0]}') == 80
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_kill_at_a_random_moment(tmp_path: Path, seed: int) -> None:
-    """What was printed as secured is there; and what the open file held is found, once."""
-    folder = tmp_path / 'run'
-    with crash('run', str(folder)) as process:
-        assert process.stdout is not None
-        reported = int(process.stdout.readline())
-        time.sleep(random.Random(seed).uniform(0, 0.3))
-        process.send_signal(signal.SIGKILL)
-        reported = max([reported, *map(int, process.stdout.read().split('\n')[:-1])])
-    assert 20_000 > count(folder) >= reported >= 32
-
-
-def test_messages_since_the_last_checkpoint_are_recovered(tmp_path: Path) -> None:
+def test_messages_since_the_last_checkpoint_are_recovered(tmp_path):
     streams = make_streams(3000, 3000)
     items = messages(streams)
     bag = BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time)

@@ -17,9 +17,9 @@ import pytest
 from bags.forms import CELL, assert_same, count, make_streams, messages, record, spoil, write_mcap
 from mcap.writer import CompressionType
 
-from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
-from scara_kinetostatic.errors import InputError, RecordingError
+from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -36,17 +36,7 @@ def check_part(read: Streams, whole: Streams) -> int:
 
 
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
-def test_mcap_without_its_end(tmp_path: Path, streams: Streams, compression: CompressionType) -> None:
-    """The recorder was killed: every complete chunk is there."""
-    write_mcap(tmp_path / 'a.mcap', messages(streams), compression=compression, finish=False)
-    read = read_streams(tmp_path / 'a.mcap', CELL)
-    assert check_part(read, streams) > 500
-    assert len(read.warnings) == 1
-    assert 'a.mcap ends early, after' in read.warnings[0]
-
-
-@pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
-def test_mcap_cut_anywhere(tmp_path: Path, streams: Streams, compression: CompressionType) -> None:
+def test_mcap_cut_anywhere(tmp_path, streams, compression):
     """Every complete chunk before the cut is read."""
     write_mcap(tmp_path / 'a.mcap', messages(streams), compression=compression)
     content = (tmp_path / 'a.mcap').read_bytes()
@@ -62,7 +52,7 @@ def test_mcap_cut_anywhere(tmp_path: Path, streams: Streams, compression: Compre
 
 
 @pytest.mark.parametrize(('spoilt', 'least', 'most'), [('chunk', 501, 639), ('index', 640, 640)])
-def test_what_damage_in_the_middle_costs(tmp_path: Path, streams: Streams, spoilt: str, least: int, most: int) -> None:
+def test_what_damage_in_the_middle_costs(tmp_path, streams, spoilt, least, most):
     """A damaged chunk costs that chunk; a damaged index is not believed, and costs nothing."""
     write_mcap(tmp_path / 'a.mcap', messages(streams))
     spoil(tmp_path / 'a.mcap', -200 if spoilt == 'index' else (tmp_path / 'a.mcap').stat().st_size // 2)
@@ -71,7 +61,7 @@ def test_what_damage_in_the_middle_costs(tmp_path: Path, streams: Streams, spoil
     assert spoilt == 'index' or 'the damaged chunk at byte' in read.warnings[0]
 
 
-def test_sqlite_cut_off(tmp_path: Path, streams: Streams) -> None:
+def test_sqlite_cut_off(tmp_path, streams):
     write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
     file = next((tmp_path / 'bag').glob('*.db3'))
     content = file.read_bytes()
@@ -85,7 +75,7 @@ def test_sqlite_cut_off(tmp_path: Path, streams: Streams) -> None:
         assert 'is cut off' in read.warnings[0]
 
 
-def test_lost_rows_are_noticed_by_the_count(tmp_path: Path, streams: Streams) -> None:
+def test_lost_rows_are_noticed_by_the_count(tmp_path, streams):
     write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
     with closing(sqlite3.connect(next((tmp_path / 'bag').glob('*.db3')))) as database, database:
         database.execute('DELETE FROM messages WHERE topic_id = 3 AND id % 2')
@@ -93,9 +83,12 @@ def test_lost_rows_are_noticed_by_the_count(tmp_path: Path, streams: Streams) ->
     lost = 640 - check_part(read, streams)
     assert lost > 100
     assert read.warnings == (f'/wrench: metadata.yaml states {lost} more messages than the files contain',)
+    metadata = tmp_path / 'bag/metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('message_count: 340', f'message_count: {240 - lost}'))
+    assert reported(tmp_path / 'bag') == '/wrench: metadata.yaml states 100 fewer messages than the files contain'
 
 
-def test_a_database_that_was_still_open(tmp_path: Path, streams: Streams) -> None:
+def test_a_database_that_was_still_open(tmp_path, streams):
     """Killed in write-ahead mode: what stands in the log alone is read, too, and nothing is written."""
     write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
     file = next((tmp_path / 'bag').glob('*.db3'))
@@ -108,40 +101,6 @@ def test_a_database_that_was_still_open(tmp_path: Path, streams: Streams) -> Non
     assert Path(f'{file}-wal').stat().st_size > 0
     read = read_streams(file, CELL)
     assert 100 < len(read.joints.stamp) < 200
-
-
-@pytest.mark.parametrize('name', ['a.mcap', 'b.mcap', 'c.bag', 'd', 'e'])
-def test_whatever_happens_to_a_file(tmp_path: Path, name: str) -> None:
-    """Bytes cut, flipped, overwritten: an answer or an `InputError`, at once, nothing else."""
-    streams = make_streams(60, 60)
-    options = {'b.mcap': {'compression': 'zstd'}, 'd': {'storage': 'sqlite3'}}
-    options['e'] = {'storage': 'sqlite3', 'compression': 'zstd'}
-    write_streams(tmp_path / name, streams, CELL, **options.get(name, {}))
-    file = tmp_path / name
-    if file.is_dir():
-        file = next(item for item in file.iterdir() if item.name != 'metadata.yaml')
-    content = file.read_bytes()
-    rng = random.Random(7)
-    outcomes = set()
-    for number in range(45):
-        spoilt = bytearray(content)
-        at = rng.randrange(len(spoilt))
-        if number % 3 == 0:
-            del spoilt[at:]
-        elif number % 3 == 1:
-            spoilt[at] = rng.randrange(256)
-        else:
-            spoilt[at : at + rng.randrange(200)] = rng.choice([b'\0', b'\xff']) * rng.randrange(200)
-        file.write_bytes(spoilt)
-        for action in (lambda: read_streams(tmp_path / name, CELL), lambda: embedded_cell(tmp_path / name)):
-            try:
-                action()
-            except InputError as error:
-                assert '\n' not in str(error)
-                outcomes.add('refused')
-            else:
-                outcomes.add('read')
-    assert outcomes == {'read', 'refused'}
 
 
 def reported(path: Path) -> str:
@@ -163,7 +122,7 @@ def collected(folder: Path, streams: Streams) -> Path:
 
 
 @pytest.mark.parametrize('form', ['plain', 'zstd', 'collected'])
-def test_no_byte_of_our_files_changes_a_sample_unreported(tmp_path: Path, form: str) -> None:
+def test_no_byte_of_our_files_changes_a_sample_unreported(tmp_path, form):
     path, streams = tmp_path / 'bag', make_streams(60, 60)
     if form == 'collected':
         collected(path, streams)
@@ -186,7 +145,7 @@ def test_no_byte_of_our_files_changes_a_sample_unreported(tmp_path: Path, form: 
 
 
 @pytest.mark.parametrize('use_chunking', [True, False])
-def test_messages_lost_without_a_checksum_are_missed(tmp_path: Path, streams: Streams, use_chunking: bool) -> None:
+def test_messages_lost_without_a_checksum_are_missed(tmp_path, streams, use_chunking):
     """The third wrench becomes a record of a kind that nobody knows."""
     write_mcap(tmp_path / 'a.mcap', messages(streams), enable_crcs=False, use_chunking=use_chunking)
     spoil(tmp_path / 'a.mcap', messages(streams)[5].payload, b'\x85', -31)
@@ -194,17 +153,14 @@ def test_messages_lost_without_a_checksum_are_missed(tmp_path: Path, streams: St
     assert count(read) == 639
     (warning,) = read.warnings
     assert 'its index states' in warning
+    if use_chunking:
+        spoil(tmp_path / 'a.mcap', messages(streams)[100].payload, b'\xff' * 8, -30)
+        read = read_streams(tmp_path / 'a.mcap', CELL)
+        assert 500 < count(read) < 639
+        assert 'was skipped (invalid records)' in read.warnings[0]
 
 
-def test_a_chunk_of_invalid_records_is_reported(tmp_path: Path, streams: Streams) -> None:
-    write_mcap(tmp_path / 'a.mcap', messages(streams), enable_crcs=False, compression=CompressionType.NONE)
-    spoil(tmp_path / 'a.mcap', messages(streams)[100].payload, b'\xff' * 8, -30)
-    read = read_streams(tmp_path / 'a.mcap', CELL)
-    assert 500 < count(read) < 640
-    assert 'was skipped (invalid records)' in read.warnings[0]
-
-
-def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path: Path, streams: Streams) -> None:
+def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path, streams):
     write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
     file = next((tmp_path / 'bag').glob('*.db3'))
     assert reported(file) == ''
@@ -213,7 +169,7 @@ def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path: Path, stream
     assert '1 messages belong to no topic' in reported(file)
 
 
-def test_a_page_that_got_mixed_up_is_noticed(tmp_path: Path, streams: Streams) -> None:
+def test_a_page_that_got_mixed_up_is_noticed(tmp_path, streams):
     """A row takes a number that is not its turn: it is stored and counted, and cannot be found."""
     write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
     file = next((tmp_path / 'bag').glob('*.db3'))
@@ -224,19 +180,3 @@ def test_a_page_that_got_mixed_up_is_noticed(tmp_path: Path, streams: Streams) -
     content[cells : cells + 4] = content[cells + 2 : cells + 4] + content[cells : cells + 2]
     file.write_bytes(content)
     assert 'is damaged' in reported(file)
-
-
-def test_more_messages_than_the_metadata_count(tmp_path: Path, streams: Streams) -> None:
-    write_streams(tmp_path / 'bag', streams, CELL)
-    metadata = tmp_path / 'bag/metadata.yaml'
-    metadata.write_text(metadata.read_text().replace('message_count: 340', 'message_count: 240'))
-    assert reported(tmp_path / 'bag') == '/wrench: metadata.yaml states 100 fewer messages than the files contain'
-
-
-def test_what_is_said_can_be_printed(tmp_path: Path, streams: Streams) -> None:
-    write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
-    file = next((tmp_path / 'bag').glob('*.db3'))
-    with closing(sqlite3.connect(file)) as database, database:
-        database.execute("UPDATE topics SET type = ? WHERE name = '/wrench'", ('a\x1b[31m/b/c\0/d',))
-    assert 'topic /wrench carries a' in reported(file)
-    assert reported(file).isprintable()

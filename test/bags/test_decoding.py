@@ -44,7 +44,7 @@ def joint_states(draw: st.DrawFn) -> tuple[tuple[int, int], str, list[str], list
 
 @given(messages=st.lists(joint_states(), min_size=1, max_size=12))
 @settings(max_examples=40, deadline=None)
-def test_joint_states_of_any_layout(messages: list[Any]) -> None:
+def test_joint_states_of_any_layout(messages):
     decoder = Decoder(('q1', 'q2'))
     decoder.add(batch(JOINT_STATE, [joint_state(*message) for message in messages]))
     samples = decoder.samples()
@@ -57,7 +57,7 @@ def test_joint_states_of_any_layout(messages: list[Any]) -> None:
 
 @given(messages=st.lists(st.tuples(stamps, frames, st.tuples(finite, finite)), min_size=1, max_size=12))
 @settings(max_examples=40, deadline=None)
-def test_wrenches_of_any_layout(messages: list[Any]) -> None:
+def test_wrenches_of_any_layout(messages):
     decoder = Decoder()
     decoder.add(batch(WRENCH_STAMPED, [wrench(*message) for message in messages]))
     samples = decoder.samples()
@@ -66,7 +66,7 @@ def test_wrenches_of_any_layout(messages: list[Any]) -> None:
 
 
 @pytest.mark.parametrize('names', [('joint1', 'joint2'), ('a', 'gelenk_ü'), ('shoulder_pan_joint', 'e')])
-def test_encoding_is_what_the_serialiser_writes(names: tuple[str, str]) -> None:
+def test_encoding_is_what_the_serialiser_writes(names):
     stamp = np.array([1, 1_700_000_000_999_999_999])
     values = np.array([[1.5, -2.5], [3e-9, 4e9]])
     for number, data in enumerate(joint_state_messages(stamp, values, names)):
@@ -84,14 +84,14 @@ def test_encoding_is_what_the_serialiser_writes(names: tuple[str, str]) -> None:
 
 
 @given(text=frames)
-def test_strings(text: str) -> None:
+def test_strings(text):
     data = bytes(ROS2.serialize_cdr(ROS2.types[STRING](data=text), STRING))
     assert decode_string(data) == text
     assert string_message(text) == data
 
 
 @given(payloads=st.lists(st.binary(max_size=120), max_size=30))
-def test_garbage_never_becomes_a_sample_unnoticed(payloads: list[bytes]) -> None:
+def test_garbage_never_becomes_a_sample_unnoticed(payloads):
     for decoder in (Decoder(('q1', 'q2')), Decoder()):
         decoder.add(batch(JOINT_STATE, payloads))
         samples = decoder.samples()
@@ -99,7 +99,7 @@ def test_garbage_never_becomes_a_sample_unnoticed(payloads: list[bytes]) -> None
         assert np.all(np.isfinite(samples.values))
 
 
-def test_broken_off_messages_are_counted() -> None:
+def test_broken_off_messages_are_counted():
     whole = joint_state((1, 2), 'base', ['q1', 'q2'], [0.5, 0.25], 2)
     decoder = Decoder(('q1', 'q2'))
     decoder.add(batch(JOINT_STATE, [whole[:size] for size in range(len(whole) + 1)]))
@@ -108,7 +108,7 @@ def test_broken_off_messages_are_counted() -> None:
     assert sum(decoder.dropped.values()) + len(samples.stamp) == len(whole) + 1
 
 
-def test_a_giant_count_of_names_is_refused_quickly() -> None:
+def test_a_giant_count_of_names_is_refused_quickly():
     message = joint_state((1, 0), '', ['q1', 'q2'], [0.5, 0.25], 0)
     at = message.index(b'\2\0\0\0')
     decoder = Decoder(('q1', 'q2'))
@@ -117,7 +117,7 @@ def test_a_giant_count_of_names_is_refused_quickly() -> None:
     assert decoder.dropped == {'incomplete': 1}
 
 
-def test_thousands_of_different_broken_messages_take_no_time() -> None:
+def test_thousands_of_different_broken_messages_take_no_time():
     rng = np.random.default_rng(3)
     payloads = [b'\0\1\0\0' + bytes(12) + rng.bytes(60) for _ in range(8000)]
     decoder = Decoder(('q1', 'q2'))
@@ -126,7 +126,7 @@ def test_thousands_of_different_broken_messages_take_no_time() -> None:
     assert sum(decoder.dropped.values()) == 8000
 
 
-def test_why_messages_are_dropped() -> None:
+def test_why_messages_are_dropped():
     def make(names: list[str], position: list[float]) -> bytes:
         return joint_state((1, 0), '', names, position, 0)
 
@@ -155,7 +155,7 @@ def test_why_messages_are_dropped() -> None:
     assert decoder.names == {'q1', 'q2', 'gripper', 'x'}
 
 
-def test_other_joints_are_columns_of_their_own() -> None:
+def test_other_joints_are_columns_of_their_own():
     names, wrist = ['q1', 'lift', 'q2', 'wrist'], [0.5, np.nan]
     payloads = [joint_state((k, 0), '', names, [0.1 * k, 0.0, 0.2 * k, at], 0) for k, at in enumerate(wrist)]
     payloads.append(joint_state((2, 0), '', ['q1', 'q2'], [0.3, 0.4], 0))

@@ -21,7 +21,6 @@ from bags.forms import (
     force_messages,
     joint_messages,
     joint_state,
-    make_streams,
     messages,
     record,
     spoil,
@@ -51,41 +50,6 @@ def refused(path: Path, cell: Cell = CELL) -> str:
     return message
 
 
-def test_nothing_there(tmp_path: Path) -> None:
-    assert 'there is no such recording' in refused(tmp_path / 'nowhere')
-    with pytest.raises(RecordingError, match='no such recording'):
-        embedded_cell(tmp_path / 'nowhere')
-
-
-def test_paths_that_cannot_be_one() -> None:
-    with pytest.raises(RecordingError):
-        read_streams('a\0b', CELL)
-
-
-def test_neither_file_nor_folder(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'pipe')
-    assert 'neither a file nor a folder' in refused(tmp_path / 'pipe')
-    (tmp_path / 'zero').symlink_to('/dev/zero')
-    assert 'neither a file nor a folder' in refused(tmp_path / 'zero')
-
-
-def test_empty_folder(tmp_path: Path) -> None:
-    assert 'no recording in this folder; expected metadata.yaml' in refused(tmp_path)
-
-
-def test_folder_of_recordings(tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    write_streams(tmp_path / 'monday', streams, cell)
-    assert f'did you mean {tmp_path / "monday"}?' in refused(tmp_path)
-
-
-def test_no_recording_at_all(tmp_path: Path) -> None:
-    (tmp_path / 'cell.yaml').write_text('robot: {}')
-    assert 'not a recording; give a rosbag2 folder' in refused(tmp_path / 'cell.yaml')
-    assert 'or a touch table (.csv)' in refused(tmp_path / 'cell.yaml')
-    (tmp_path / 'metadata.yaml').write_text('a: 1')
-    assert f'give the folder {tmp_path}' in refused(tmp_path / 'metadata.yaml')
-
-
 @pytest.mark.parametrize(
     ('name', 'expected'),
     [
@@ -99,8 +63,32 @@ def test_no_recording_at_all(tmp_path: Path) -> None:
         ('example-unsorted-chunks.bag', 'it has /foo (std_msgs/msg/String)'),
     ],
 )
-def test_recordings_of_others(data: Path, name: str, expected: str) -> None:
+def test_recordings_of_others(data, name, expected):
     assert expected in refused(data / name)
+
+
+def test_what_is_no_recording(tmp_path, cell, streams):
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'zero').symlink_to('/dev/zero')
+    (tmp_path / 'cell.yaml').write_text('robot: {}')
+    (tmp_path / 'metadata.yaml').write_text('a: 1')
+    (tmp_path / 'empty').mkdir()
+    write_streams(tmp_path / 'week' / 'monday', streams, cell)
+    for name, said in (
+        ('nowhere', 'there is no such recording'),
+        ('pipe', 'neither a file nor a folder'),
+        ('zero', 'neither a file nor a folder'),
+        ('empty', 'no recording in this folder; expected metadata.yaml'),
+        ('week', f'did you mean {tmp_path / "week" / "monday"}?'),
+        ('cell.yaml', 'not a recording; give a rosbag2 folder'),
+        ('cell.yaml', 'or a touch table (.csv)'),
+        ('metadata.yaml', f'give the folder {tmp_path}'),
+    ):
+        assert said in refused(tmp_path / name)
+    with pytest.raises(RecordingError, match='no such recording'):
+        embedded_cell(tmp_path / 'nowhere')
+    with pytest.raises(RecordingError):
+        read_streams('a\0b', CELL)
 
 
 def in_namespace(space: str, items: list[Message]) -> list[Message]:
@@ -111,9 +99,7 @@ RELATIVE = Cell(CELL.nominal, CELL.discs, sensor=Sensor('joint_states', 'wrench'
 
 
 @pytest.mark.parametrize('space', ['', '/left', '/plant/left'])
-def test_relative_names_are_found_in_the_namespace_of_the_recording(
-    tmp_path: Path, streams: Streams, space: str
-) -> None:
+def test_relative_names_are_found_in_the_namespace_of_the_recording(tmp_path, streams, space):
     write_mcap(tmp_path / 'a.mcap', in_namespace(space, messages(streams)))
     read = read_streams(tmp_path / 'a.mcap', RELATIVE)
     assert_same(read, streams)
@@ -122,7 +108,7 @@ def test_relative_names_are_found_in_the_namespace_of_the_recording(
         assert f'{JOINT_STATE} is on {space}/joint_states' in refused(tmp_path / 'a.mcap', CELL)
 
 
-def test_relative_names_of_two_cells_are_refused(tmp_path: Path, streams: Streams) -> None:
+def test_relative_names_of_two_cells_are_refused(tmp_path, streams):
     """Whatever is taken would be a guess; a full name says which."""
     items = [item for space in ('', '/left') for item in in_namespace(space, messages(streams))]
     write_mcap(tmp_path / 'a.mcap', sorted(items, key=lambda item: item.log_time))
@@ -134,7 +120,7 @@ def test_relative_names_of_two_cells_are_refused(tmp_path: Path, streams: Stream
     assert_same(read_streams(tmp_path / 'a.mcap', full), streams)
 
 
-def test_relative_names_are_taken_from_one_namespace(tmp_path: Path, streams: Streams) -> None:
+def test_relative_names_are_taken_from_one_namespace(tmp_path, streams):
     items = in_namespace('/left', joint_messages(streams)) + in_namespace('/right', force_messages(streams))
     write_mcap(tmp_path / 'a.mcap', items)
     assert 'has no topic /joint_states' in refused(tmp_path / 'a.mcap', RELATIVE)
@@ -143,7 +129,7 @@ def test_relative_names_are_taken_from_one_namespace(tmp_path: Path, streams: St
 
 
 @pytest.mark.parametrize('cell', [CELL, RELATIVE])
-def test_topics_that_were_remapped_while_recording(tmp_path: Path, streams: Streams, cell: Cell) -> None:
+def test_topics_that_were_remapped_while_recording(tmp_path, streams, cell):
     """The collector records the names as they are, and the description as it is written."""
     with BagWriter(tmp_path / 'bag', cell, log_time=0, topics=('/arm/state', '/ft')) as bag:
         record(bag, messages(streams))
@@ -154,7 +140,7 @@ def test_topics_that_were_remapped_while_recording(tmp_path: Path, streams: Stre
     assert f'{WRENCH_STAMPED} is on /ft: put that into sensor.wrench' in refused(tmp_path / 'bag', other)
 
 
-def test_two_types_on_one_topic(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+def test_two_types_on_one_topic(tmp_path, cell, streams):
     """As `ros2 topic pub` with a slip; the right one is read."""
     odd = Message('/wrench', 'geometry_msgs/msg/Wrench', int(streams.wrench.stamp[0]), b'\0\1\0\0' + bytes(48))
     write_rosbag2(tmp_path / 'bag', [odd])
@@ -199,13 +185,13 @@ NOT_JOINTS = {'names': ('shoulder', 'elbow')}
         ),
     ],
 )  # fmt: skip
-def test_what_a_topic_lacks(tmp_path: Path, streams: Streams, make, options, cell, said) -> None:
+def test_what_a_topic_lacks(tmp_path, streams, make, options, cell, said):
     write_mcap(tmp_path / 'a.mcap', make(streams), **options)
     message = refused(tmp_path / 'a.mcap', cell)
     assert all(text in message for text in said)
 
 
-def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -> None:
+def test_names_that_would_disturb_a_terminal(tmp_path, streams):
     first = messages(streams)[0]
     write_mcap(tmp_path / 'a.mcap', [first._replace(topic='/x\x1b[31m\n', msgtype='a/msg/\0B')])
     assert refused(tmp_path / 'a.mcap').isprintable()
@@ -228,7 +214,7 @@ def parts(streams: Streams, late: int = 4_000_000, lag: int = 0) -> list[Message
 
 
 @pytest.mark.parametrize('stamped', [True, False])
-def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, streams: Streams, stamped: bool) -> None:
+def test_joints_in_separate_messages_are_joined(tmp_path, cell, streams, stamped):
     """Without stamps they are dated by their reception."""
     items = parts(streams)
     if not stamped:
@@ -243,7 +229,7 @@ def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, stre
         np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
 
 
-def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+def test_joints_that_cannot_be_joined(tmp_path, cell, streams):
     items = [*parts(streams, lag=700_000_000), *force_messages(streams)]
     write_mcap(tmp_path / 'a.mcap', items)
     assert 'the clocks of joint1 and joint2 differ by 0.7 s, or one comes late' in refused(tmp_path / 'a.mcap')
@@ -259,26 +245,6 @@ def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Strea
     assert warning == '/joint_states: 140 messages where joint2 is silent dropped'
 
 
-def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    start, nan = int(streams.joints.stamp[0]), float('nan')
-    odd = [
-        joint_state(start + 1, ['gripper'], [0.3]),
-        joint_state(start + 2, ['joint2', 'lift', 'joint1'], [2.0, 9.0, 1.0]),
-        joint_state(start + 3, ['joint1', 'joint2'], []),
-        joint_state(start + 4, ['joint1', 'joint2'], [nan, 1.0]),
-        joint_state(start + 5, ['joint1', 'joint2'], [1.0, -np.inf]),
-    ]
-    write_mcap(tmp_path / 'a.mcap', sorted([*messages(streams), *odd], key=lambda item: item.log_time))
-    read = read_streams(tmp_path / 'a.mcap', cell)
-    assert len(read.joints.stamp) == 301
-    np.testing.assert_array_equal(read.joints.position[1], [1.0, 2.0])
-    assert set(read.warnings) == {
-        '/joint_states: 1 message without joint1 and joint2 dropped',
-        '/joint_states: 1 message without positions dropped',
-        '/joint_states: 2 messages with values that are not finite dropped',
-    }
-
-
 def lost(path: Path) -> None:
     (path / 'metadata.yaml').unlink()
 
@@ -288,7 +254,7 @@ def rewritten(text: str) -> Callable[[Path], None]:
 
 
 @pytest.mark.parametrize(
-    ('spoil', 'expected'),
+    ('change', 'expected'),
     [
         (lost, 'metadata.yaml is missing'),
         (rewritten('rosbag2_bagfile_information: ['), 'metadata.yaml cannot be read'),
@@ -302,27 +268,18 @@ def rewritten(text: str) -> Callable[[Path], None]:
         (lambda path: (path / 'metadata.yaml').write_bytes(b'\xff\xfe\0'), 'metadata.yaml cannot be read'),
     ],
 )
-def test_spoilt_metadata(
-    tmp_path: Path, cell: Cell, streams: Streams, spoil: Callable[[Path], None], expected: str
-) -> None:
-    write_streams(tmp_path / 'bag', streams, cell)
-    spoil(tmp_path / 'bag')
+def test_spoilt_metadata(tmp_path, cell, streams, change, expected):
+    """All files are read, in the order of their numbers."""
+    items = messages(streams)
+    write_split(tmp_path / 'bag', [items[at : at + 50] for at in range(0, len(items), 50)])
+    change(tmp_path / 'bag')
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
     assert len(read.warnings) == 1
     assert read.warnings[0].startswith(expected)
 
 
-def test_split_files_in_the_order_of_their_numbers(tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    items = messages(streams)
-    write_split(tmp_path / 'bag', [items[at : at + 50] for at in range(0, len(items), 50)])
-    (tmp_path / 'bag/metadata.yaml').unlink()
-    read = read_streams(tmp_path / 'bag', cell)
-    assert_same(read, streams)
-    assert read.warnings == ('metadata.yaml is missing: all files of the folder were read, in order',)
-
-
-def test_one_file_of_several_is_lost(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+def test_one_file_of_several_is_lost(tmp_path, cell, streams):
     items = messages(streams)
     write_split(tmp_path / 'bag', [items[:200], items[200:400], items[400:]])
     (tmp_path / 'bag/part_1.mcap').unlink()
@@ -335,7 +292,7 @@ def test_one_file_of_several_is_lost(tmp_path: Path, cell: Cell, streams: Stream
     assert read.warnings == ('part_1.mcap was skipped: the file is empty',)
 
 
-def test_paths_in_metadata_do_not_lead_out_of_the_folder(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+def test_paths_in_metadata_do_not_lead_out_of_the_folder(tmp_path, cell, streams):
     write_streams(tmp_path / 'elsewhere.mcap', streams, cell)
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag/metadata.yaml').write_text(
@@ -344,7 +301,7 @@ def test_paths_in_metadata_do_not_lead_out_of_the_folder(tmp_path: Path, cell: C
     assert 'no recording in this folder' in refused(tmp_path / 'bag')
 
 
-def test_foreign_cell_descriptions(tmp_path: Path, streams: Streams) -> None:
+def test_foreign_cell_descriptions(tmp_path, streams):
     first = messages(streams)[0]
     senseless = first._replace(
         topic='/cell_description', msgtype='std_msgs/msg/String', payload=string_message('robot: {}')
@@ -360,18 +317,11 @@ def test_foreign_cell_descriptions(tmp_path: Path, streams: Streams) -> None:
     assert embedded_cell(tmp_path / 'c.mcap') is None
 
 
-def test_compression_bombs_are_refused(tmp_path: Path, streams: Streams) -> None:
-    """A chunk that claims to hold terabytes, or holds far more than it claims."""
+def test_compression_bombs_are_refused(tmp_path, streams):
+    """A chunk that claims to hold terabytes."""
     write_mcap(tmp_path / 'a.mcap', messages(streams), compression=CompressionType.ZSTD)
     spoil(tmp_path / 'a.mcap', b'\4\0\0\0zstd', (1 << 42).to_bytes(8, 'little'), -12)
-    read = read_streams(tmp_path / 'a.mcap', CELL)
-    assert 'a chunk of 4398046511104 bytes, expected at most' in read.warnings[0]
-
-
-def test_a_record_of_giant_length(tmp_path: Path) -> None:
-    write_mcap(tmp_path / 'a.mcap', messages(make_streams(50, 50)), use_chunking=False)
-    spoil(tmp_path / 'a.mcap', 9, b'\xff' * 8)
-    assert 'ends early, after 8 bytes' in refused(tmp_path / 'a.mcap')
+    assert 'a chunk of 4398046511104 bytes, expected at most' in read_streams(tmp_path / 'a.mcap', CELL).warnings[0]
 
 
 DEEP = 'rosbag2_bagfile_information: ' + 50_000 * '[' + 50_000 * ']'
@@ -387,9 +337,7 @@ DIGITS = 'big: ' + ':'.join(200_000 * ['59']) + '\n'
         (DIGITS, ''),
     ],
 )
-def test_metadata_that_would_take_the_stack_or_all_time(
-    tmp_path: Path, cell: Cell, streams: Streams, head: str, reason: str
-) -> None:
+def test_metadata_that_would_take_the_stack_or_all_time(tmp_path, cell, streams, head, reason):
     write_streams(tmp_path / 'bag', streams, cell)
     metadata = tmp_path / 'bag/metadata.yaml'
     metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
@@ -405,7 +353,7 @@ class _WithoutAliases(yaml.SafeDumper):
         return True
 
 
-def test_a_file_that_is_listed_twice_is_read_once(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+def test_a_file_that_is_listed_twice_is_read_once(tmp_path, cell, streams):
     write_streams(tmp_path / 'bag', streams, cell)
     metadata = tmp_path / 'bag/metadata.yaml'
     document = yaml.safe_load(metadata.read_text())
@@ -416,7 +364,7 @@ def test_a_file_that_is_listed_twice_is_read_once(tmp_path: Path, cell: Cell, st
     assert read.warnings == ()
 
 
-def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path: Path, streams: Streams) -> None:
+def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path, streams):
     items = messages(streams)
     bomb = zstandard.compress(bytes(1 << 24))
     spoilt = [zstandard.compress(item.payload) if number % 2 else bomb for number, item in enumerate(items)]
@@ -431,7 +379,7 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
     assert peak < 1 << 28
 
 
-def test_a_file_that_grows_without_end_when_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_without_end_when_decompressed(tmp_path, monkeypatch):
     monkeypatch.setattr(bag_messages, '_BYTES', 1 << 20)
     (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
     assert 'unpacks to more than 1048576 bytes' in refused(tmp_path / 'a.db3.zstd')

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import errno
-from pathlib import Path
 
 import pytest
-from bags.forms import CELL, assert_same, make_streams
+from bags.forms import CELL, make_streams
 
 from scara_kinetostatic.bags import writer
-from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import fresh_folder, write_streams
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.touches.streams import Streams
 
 NAMES = ('bag', 'bare.mcap', 'ros1.bag')
 
 
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('there', ['file', 'folder', 'dangling link'])
-def test_nothing_is_overwritten(tmp_path: Path, streams: Streams, name: str, there: str) -> None:
+def test_nothing_is_overwritten(tmp_path, streams, name, there):
     path = tmp_path / name
     if there == 'file':
         path.write_text('precious')
@@ -34,7 +31,7 @@ def test_nothing_is_overwritten(tmp_path: Path, streams: Streams, name: str, the
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_somebody_else_is_faster(tmp_path: Path, streams: Streams, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_somebody_else_is_faster(tmp_path, streams, name, monkeypatch):
     """Another recording takes the name while this one is being written."""
     messages = writer._messages
 
@@ -50,9 +47,7 @@ def test_somebody_else_is_faster(tmp_path: Path, streams: Streams, name: str, mo
 
 @pytest.mark.parametrize('name', [*NAMES, 'sqlite'])
 @pytest.mark.parametrize('fault', [OSError(errno.ENOSPC, 'No space left on device'), KeyboardInterrupt()])
-def test_all_or_nothing(
-    tmp_path: Path, streams: Streams, name: str, fault: BaseException, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_or_nothing(tmp_path, streams, name, fault, monkeypatch):
     messages = writer._messages
 
     def failing(*args: object, **options: object):  # type: ignore[no-untyped-def]
@@ -71,7 +66,7 @@ def test_all_or_nothing(
         assert 'cannot be written: No space left on device' in str(caught.value)
 
 
-def test_places_that_cannot_be_written(tmp_path: Path, streams: Streams) -> None:
+def test_places_that_cannot_be_written(tmp_path, streams):
     (tmp_path / 'file').write_text('')
     with pytest.raises(OutputError, match='file is not a folder; choose another place'):
         write_streams(tmp_path / 'file' / 'bag', streams, CELL)
@@ -80,22 +75,15 @@ def test_places_that_cannot_be_written(tmp_path: Path, streams: Streams) -> None
             write_streams(path, streams, CELL)
 
 
-def test_nothing_to_record(tmp_path: Path) -> None:
+def test_nothing_to_record(tmp_path):
     with pytest.raises(OutputError, match='nothing to record'):
         write_streams(tmp_path / 'bag', make_streams(0, 0), CELL)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_fresh_folder(tmp_path: Path) -> None:
+def test_fresh_folder(tmp_path):
     first = fresh_folder(tmp_path, 'touches')
     assert first.parent == tmp_path and first.name.startswith('touches_20') and not first.exists()
     first.mkdir()
     second = fresh_folder(tmp_path, 'touches')
     assert second != first and not second.exists()
-
-
-def test_folders_on_the_way_are_made(tmp_path: Path) -> None:
-    streams = make_streams(5, 5)
-    write_streams(tmp_path / 'a/b/c', streams, CELL)
-    assert_same(read_streams(tmp_path / 'a/b/c', CELL), streams)
-    assert sorted(item.name for item in (tmp_path / 'a/b/c').iterdir()) == ['c_0.mcap', 'metadata.yaml']

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,8 @@ objects:
 sensor: {joint_states: /joint_states, wrench: /wrench, frame: base, sign: on_object}
 noise: {joint: 1.0e-5, force: 0.3}
 """
+SLOW = ('--joint-rate', '40', '--wrench-rate', '40')
+"""Sensors of a recording that is soon made and read."""
 
 
 @pytest.fixture
@@ -36,10 +40,18 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
     return command
 
 
-@pytest.fixture
-def without_page(monkeypatch: pytest.MonkeyPatch) -> None:
+@contextmanager
+def page_left_out() -> Iterator[None]:
     """The page of a calibration, which takes most of the time, is not drawn."""
-    monkeypatch.setattr(report, 'html_text', lambda _: 'page')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, 'html_text', lambda _: 'page')
+        yield
+
+
+@pytest.fixture
+def without_page() -> Iterator[None]:
+    with page_left_out():
+        yield
 
 
 @pytest.fixture(scope='session')
@@ -50,10 +62,9 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / 'few.yaml').write_text(
         ''.join(f'- {{disc: disc_{n}, angle_deg: -80, posture: left, force: 20}}\n' for n in (1, 2, 3))
     )
-    small = ['--joint-rate', '40', '--wrench-rate', '40']
-    assert main(['simulate', '--out', str(folder / 'good'), '--per-disc', '6', *small]) == 0
-    assert main(['simulate', '--out', str(folder / 'plain'), '--per-disc', '6', '--plain', '--seed', '1', *small]) == 0
-    assert main(['simulate', '--out', str(folder / 'few'), '--plan', str(folder / 'few.yaml'), *small]) == 0
+    assert main(['simulate', '--out', str(folder / 'good'), '--per-disc', '6', *SLOW]) == 0
+    assert main(['simulate', '--out', str(folder / 'plain'), '--per-disc', '6', '--plain', '--seed', '1', *SLOW]) == 0
+    assert main(['simulate', '--out', str(folder / 'few'), '--plan', str(folder / 'few.yaml'), *SLOW]) == 0
     return folder
 
 
@@ -63,5 +74,6 @@ def results(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('results')
     cell = ['--cell', str(recordings / 'cell.yaml')]
     for name, out in (('good', 'a'), ('plain', 'b')):
-        assert main(['calibrate', str(recordings / name), *cell, '--out', str(folder / out)]) == 0
+        with page_left_out():
+            assert main(['calibrate', str(recordings / name), *cell, '--out', str(folder / out)]) == 0
     return folder

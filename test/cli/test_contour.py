@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run, refused
-from cli.conftest import CELL
+from cli.command import refused
+from cli.conftest import CELL, SLOW, page_left_out
 
 from scara_kinetostatic.cli.main import main
 
@@ -23,14 +23,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (made / 'cell.yaml').write_text(CELL + 'tip: {radius: 0.005}\n')
     (made / 'slides.yaml').write_text(SLIDE)
     cell = ['--cell', str(made / 'cell.yaml')]
-    assert main(['simulate', '--out', str(made / 'touches'), *cell]) == 0
-    assert main(['calibrate', str(made / 'touches'), '--out', str(made / 'result')]) == 0
+    assert main(['simulate', '--out', str(made / 'touches'), *SLOW, *cell]) == 0
+    with page_left_out():
+        assert main(['calibrate', str(made / 'touches'), '--out', str(made / 'result')]) == 0
     slides = ['--plan', str(made / 'slides.yaml'), '--seed', '3']
     assert main(['simulate', '--out', str(made / 'slide'), *slides, *cell]) == 0
     return made
 
 
-def test_files_and_text(folder: Path, run: Run) -> None:
+def test_files_and_text(folder, run):
     calibration = folder / 'result' / 'calibration.json'
     result = run('contour', folder / 'slide', '--calibration', calibration, '--fit', 'circle', '--out', 'made')
     assert result.status == 0
@@ -51,7 +52,7 @@ def test_files_and_text(folder: Path, run: Run) -> None:
     assert 'Outline 1: circle' in page
 
 
-def test_json(folder: Path, run: Run) -> None:
+def test_json(folder, run):
     calibration = folder / 'result' / 'calibration.json'
     more = ['--fit', 'circle', '--json', '--out', 'made', '--tip-radius', '0.004', '--cell', folder / 'cell.yaml']
     result = run('contour', folder / 'slide', '--calibration', calibration, *more)
@@ -60,7 +61,7 @@ def test_json(folder: Path, run: Run) -> None:
     assert document['fits'][0]['values']['radius']['value'] == pytest.approx(0.061, abs=2e-5)
 
 
-def test_the_deviation_from_an_object_of_the_cell(folder: Path, run: Run) -> None:
+def test_the_deviation_from_an_object_of_the_cell(folder, run):
     objects = 'objects:\n  - {name: known, center: [0.2, 0.3], radius: 0.0649}\nsensor:'
     text = (folder / 'cell.yaml').read_text()
     Path('known.yaml').write_text(text[: text.index('objects:')] + objects + text.partition('sensor:')[2])
@@ -84,13 +85,13 @@ def test_the_deviation_from_an_object_of_the_cell(folder: Path, run: Run) -> Non
         ('touches', 'result/calibration.json', 3, 'the tip does not slide'),
     ],
 )
-def test_wrong_files(folder: Path, run: Run, bag: str, calibration: str, status: int, message: str) -> None:
+def test_wrong_files(folder, run, bag, calibration, status, message):
     result = run('contour', folder / bag, '--calibration', folder / calibration, '--out', 'made')
     refused(result, status, message)
     assert not Path('made').exists()
 
 
-def test_a_sensor_in_another_frame_is_refused(folder: Path, run: Run) -> None:
+def test_a_sensor_in_another_frame_is_refused(folder, run):
     text = (folder / 'cell.yaml').read_text().replace('frame: base, sign: on_object', 'frame: tool, sign: on_robot')
     Path('cell.yaml').write_text(text)
     calibration = folder / 'result' / 'calibration.json'
@@ -99,7 +100,7 @@ def test_a_sensor_in_another_frame_is_refused(folder: Path, run: Run) -> None:
     assert not Path('made').exists()
 
 
-def test_another_robot_is_refused(folder: Path, run: Run) -> None:
+def test_another_robot_is_refused(folder, run):
     calibration = folder / 'result' / 'calibration.json'
     document = json.loads(calibration.read_text())
     document['cell']['identification'] = {'robot': 'A 1'}
@@ -109,14 +110,14 @@ def test_another_robot_is_refused(folder: Path, run: Run) -> None:
     assert result.status == 2 and "is of robot 'B 77'" in result.err
 
 
-def test_a_tip_in_millimetres_is_refused(folder: Path, run: Run) -> None:
+def test_a_tip_in_millimetres_is_refused(folder, run):
     calibration = folder / 'result' / 'calibration.json'
     result = run('contour', folder / 'slide', '--calibration', calibration, '--out', 'made', '--tip-radius', '5')
     assert result.status == 2
     assert 'radius of the tip: expected 0 to 0.1 m, got 5' in result.err
 
 
-def test_pieces_and_a_fit_that_is_not_possible(folder: Path, run: Run) -> None:
+def test_pieces_and_a_fit_that_is_not_possible(folder, run):
     (folder / 'two.yaml').write_text(
         '- {slide: {outline: [[0.10, 0.30], [0.20, 0.30], [0.20, 0.40]], closed: false}, speed: 0.05}\n'
         '- {slide: {outline: [[-0.20, 0.40], [-0.20, 0.3965]], closed: false}, speed: 0.03}\n'

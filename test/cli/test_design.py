@@ -11,8 +11,7 @@ import yaml
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.plan_file import dump_plan, parse_plan
+from scara_kinetostatic.simulation.plan_file import parse_plan
 
 ROOT = Path(__file__).parents[2]
 _LAYOUT_EFFORT = ['--accuracy', '1.1e-5', '--per-disc', '9', '--levels', '10', '40']
@@ -88,16 +87,6 @@ def test_an_accuracy_that_declared_uncertainties_do_not_allow(small_cell, capsys
     assert main(['design', '--cell', small_cell(objects=objects), *_LAYOUT_EFFORT]) == 3
     said = capsys.readouterr().err
     assert 'the places of the discs alone' in said
-
-
-def test_a_plan_survives_the_round_trip():
-    cell = Cell(PAPER_NOMINAL, tuple(disc._replace(name=f'"{disc.name}": #') for disc in PAPER_DISCS))
-    plan = default_plan(cell, per_disc=7, levels=(12.345678901, 40.0))
-    again = parse_plan(dump_plan(plan, cell, ('a remark\nof two lines',)), cell)
-    assert (again.disc == plan.disc).all()
-    assert (again.posture == plan.posture).all()
-    assert abs(again.angle - plan.angle).max() < 1e-10
-    assert abs(again.force - plan.force).max() < 1e-8
 
 
 @pytest.mark.parametrize(

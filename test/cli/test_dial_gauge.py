@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run, refused
+from cli.command import refused
 from studies.gauge_table import dump_readings, loops
 
 from scara_kinetostatic.studies.paper.study import simulate_experiments
@@ -20,7 +19,7 @@ ONE = 'force_N;displacement_um\n' + ''.join(
 )
 
 
-def test_json_and_page_in_a_folder(run: Run, tmp_path: Path) -> None:
+def test_json_and_page_in_a_folder(run, tmp_path):
     (tmp_path / 'table.csv').write_text(TABLE)
     result = run('dial-gauge', 'table.csv', '--out', 'result')
     assert (result.status, result.err) == (0, '')
@@ -40,7 +39,7 @@ def test_json_and_page_in_a_folder(run: Run, tmp_path: Path) -> None:
     assert 'http' not in page.replace('http://www.w3.org', '')
 
 
-def test_loops_are_those_of_hysteresis(run: Run, tmp_path: Path) -> None:
+def test_loops_are_those_of_hysteresis(run, tmp_path):
     (tmp_path / 'one.csv').write_text(ONE)
     (tmp_path / 'loops.csv').write_text(loops())
     result = run('dial-gauge', 'one.csv', 'loops.csv', '--out', 'result')
@@ -55,7 +54,7 @@ def test_loops_are_those_of_hysteresis(run: Run, tmp_path: Path) -> None:
     assert page.count('<svg') == 1 + 2
 
 
-def test_json_on_stdout_is_that_of_the_file(run: Run, tmp_path: Path) -> None:
+def test_json_on_stdout_is_that_of_the_file(run, tmp_path):
     (tmp_path / '<b>&$.csv').write_text(ONE.replace('displacement_um', 'displacement_um;what'))
     printed = json.loads(run('dial-gauge', '<b>&$.csv', '--json', '--out', 'result').out)
     assert printed == json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
@@ -64,7 +63,7 @@ def test_json_on_stdout_is_that_of_the_file(run: Run, tmp_path: Path) -> None:
     assert '&lt;b&gt;&amp;$.csv' in page
 
 
-def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
+def test_options_say_what_the_table_does_not(run, tmp_path):
     (tmp_path / 'one.csv').write_text(ONE)
     gripper = json.loads(run('dial-gauge', 'one.csv', '--direction', '30', '--json').out)['parts']['gripper']
     assert gripper['runs'][0]['direction'] == pytest.approx(np.pi / 6)
@@ -78,26 +77,17 @@ def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
     ('text', 'options', 'status', 'message'),
     [
         (None, [], 2, 'one.csv: there is no such file'),
-        ('force_N,displacement_mm\n1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
         (ONE, ['--part', 'joint1'], 2, 'one.csv: line 2: a joint needs its lever'),
         (ONE, ['--zero-band', '1'], 2, '--zero-band: expected a share below 1'),
         (ONE, ['one.csv'], 2, 'one.csv: is given twice'),
         (ONE, ['--lever', '0'], 2, 'expected above 0'),
         (ONE, ['--part', 'joint2', '--lever', '330'], 2, 'it is in m, not mm: give 0.33'),
         (ONE, ['--out', 'one.csv'], 2, 'one.csv'),
-        (ONE.replace('-', ''), [], 3, 'one.csv: gripper: there is no reversal'),
         ('force_N,displacement_m\n1,0\n-1,0\n', [], 3, 'too few'),
     ],
 )
-def test_what_is_wrong_is_one_line(
-    run: Run, tmp_path: Path, text: str | None, options: list[str], status: int, message: str
-) -> None:
+def test_what_is_wrong_is_one_line(run, tmp_path, text, options, status, message):
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
-    refused(run('dial-gauge', 'one.csv', *options), status, message)
-
-
-def test_nothing_is_written_if_a_table_is_wrong(run: Run, tmp_path: Path) -> None:
-    (tmp_path / 'table.csv').write_text(TABLE + 'oops\n')
-    assert run('dial-gauge', 'table.csv', '--out', 'result').status == 2
+    refused(run('dial-gauge', 'one.csv', '--out', 'result', *options), status, message)
     assert not (tmp_path / 'result').exists()

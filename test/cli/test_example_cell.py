@@ -7,6 +7,7 @@ import importlib.util
 from pathlib import Path
 
 import pytest
+from cli.conftest import SLOW
 
 from scara_kinetostatic.cli.main import build_parser, main
 
@@ -15,7 +16,7 @@ SLIDES = '- {slide: {center: [0.20, 0.30], radius: 0.06}, force: 15, friction: 0
 POSES = 'x_m,y_m,fx_N,fy_N,elbow\n0.1,0.4,10,5,left\n0.2,0.3,0,0,right\n'
 STATES = 'q1_rad,q2_rad,fx_N,fy_N\n0.4,1.1,10,5\n'
 ARGUMENTS: dict[str, tuple[str, ...]] = {
-    'simulate': ('--out', 'touches'),
+    'simulate': ('--out', 'touches', '--per-disc', '6', *SLOW),
     'inspect': ('touches',),
     'calibrate': ('touches', '--out', 'result'),
     'verify': ('touches', '--calibration', 'result/calibration.json', '--out', 'verified'),
@@ -36,14 +37,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_no_verb_that_takes_a_cell_is_left_out() -> None:
+def test_no_verb_that_takes_a_cell_is_left_out():
     (verbs,) = (item for item in build_parser()._actions if isinstance(item, argparse._SubParsersAction))
     takes = {name for name, parser in verbs.choices.items() if '--cell' in parser._option_string_actions}
     assert takes == ARGUMENTS.keys() | {'demo'}  # test/nodes/test_demo.py
 
 
 @pytest.mark.parametrize('verb', ARGUMENTS)
-def test_it_runs(verb: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_runs(verb, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     if verb == 'mujoco' and not importlib.util.find_spec('mujoco'):
         pytest.skip('MuJoCo is not installed')
@@ -53,7 +54,7 @@ def test_it_runs(verb: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsy
 
 
 @pytest.mark.parametrize(('verb', 'table'), [('compensate', 'poses.csv'), ('locate', 'states.csv')])
-def test_it_stands_for_the_nominal_arm(verb: str, table: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_stands_for_the_nominal_arm(verb, table, folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert main([verb, str(CELL), table, '--out', f'{verb}.csv']) == 0
     assert 'beyond_limits' not in (folder / f'{verb}.csv').read_text()

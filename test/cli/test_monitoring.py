@@ -8,12 +8,13 @@ from operator import getitem
 from pathlib import Path
 
 import pytest
-from cli.command import Run, refused
+from cli.command import refused
+from cli.conftest import SLOW
 
 TOLERANCE = 'tolerance: {tip: 0.004}\n'
 
 
-def test_verify(run: Run, recordings: Path, results: Path) -> None:
+def test_verify(run, recordings, results):
     done = run('verify', recordings / 'plain', '--calibration', results / 'a' / 'calibration.json', '--strict')
     assert done.status == 0 and done.err == ''
     assert done.out.startswith('Confirmed, no tolerance stated: 36 touches agree with the calibration')
@@ -26,7 +27,7 @@ def test_verify(run: Run, recordings: Path, results: Path) -> None:
     assert json.loads(seen.out)['recordings'][0]['part_of_calibration'] is True
 
 
-def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> None:
+def test_verify_a_changed_robot(run, recordings, results):
     path = results / 'a' / 'calibration.json'
     document = json.loads(path.read_text())
     place = document['model']['names'].index('l1')
@@ -43,14 +44,14 @@ def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> No
     assert written['touches']['outlying'] == []  # what disagrees is explained by the part
 
 
-def test_verify_a_recording_of_another_robot_or_cell(run: Run, recordings: Path, results: Path) -> None:
+def test_verify_a_recording_of_another_robot_or_cell(run, recordings, results):
     text = (recordings / 'cell.yaml').read_text()
     calibration = results / 'a' / 'calibration.json'
     moved = text.replace('[0.05, 0.25]', '[0.0501, 0.25]')
     cells = {'robot': text.replace('l1: 0.33', 'l1: 0.36'), 'object': moved, 'tolerance': text + TOLERANCE}
     for name, changed in cells.items():
         Path('cell.yaml').write_text(changed)
-        assert run('simulate', '--cell', 'cell.yaml', '--out', name).status == 0
+        assert run('simulate', '--cell', 'cell.yaml', '--out', name, '--per-disc', 6, *SLOW).status == 0
     refused(run('verify', 'robot', '--calibration', calibration), 2, 'another robot')
     done = run('verify', 'object', '--calibration', calibration)
     assert done.status == 0 and 'contains another cell description (disc_3)' in done.out
@@ -58,7 +59,7 @@ def test_verify_a_recording_of_another_robot_or_cell(run: Run, recordings: Path,
     assert run('verify', 'tolerance', '--calibration', calibration).out.startswith('Confirmed, no tolerance stated')
 
 
-def test_compare(run: Run, results: Path) -> None:
+def test_compare(run, results):
     paths = [results / name / 'calibration.json' for name in 'ab']
     done = run('compare', *paths)
     assert done.status == 0 and 'No change beyond the uncertainty' in done.out
@@ -71,21 +72,17 @@ def test_compare(run: Run, results: Path) -> None:
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
-        ({'schema': 'scara_kinetostatic/calibration/9'}, 'schema'),
         ({'covariance_with_cell': {'names': ['x0'], 'values': [0.0], 'matrix': [[0.0]]}}, 'covariance_with_cell'),
         ({'covariance_with_cell': None}, 'damaged'),
         ({'covariance_with_cell.matrix.0.0': -1.0}, 'a variance is negative'),
-        ({'covariance_with_cell.matrix.0.1': 1e9}, 'the covariance is not symmetric'),
         ({'covariance_with_cell.values.3': float('nan')}, 'finite numbers'),
         ({'covariance_with_cell.values.3': 0.34}, 'differ from those of the model'),
-        ({'covariance_with_cell.names.3': 'l7'}, 'differ from those of the model'),
-        ({'fit': []}, 'damaged'),
         ({'fit.enlargement': 'much'}, 'damaged'),
         ({'fit.enlargement': 0.0}, 'enlargement'),
         ({'noise.source': 'estimated', 'fit.degrees_of_freedom': None}, 'damaged'),
     ],
 )
-def test_bad_files_are_one_line(run: Run, recordings: Path, results: Path, change: dict, words: str) -> None:
+def test_bad_files_are_one_line(run, recordings, results, change, words):
     good = results / 'a' / 'calibration.json'
     document = json.loads(good.read_text())
     for place, value in change.items():
@@ -97,7 +94,7 @@ def test_bad_files_are_one_line(run: Run, recordings: Path, results: Path, chang
     assert not Path('comparison').exists() and not Path('verification').exists()
 
 
-def test_misuse(run: Run, results: Path) -> None:
+def test_misuse(run, results):
     good = results / 'a' / 'calibration.json'
     assert 'two or more' in run('compare', good).err
     assert 'given twice' in run('compare', good, good).err

@@ -4,6 +4,7 @@ import csv
 import json
 
 import pytest
+from cli.conftest import SLOW
 
 from scara_kinetostatic.cli.main import main
 
@@ -28,8 +29,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp('outlines')
     cell = folder / 'cell.yaml'
     cell.write_text(CELL)
-    for seed in (1, 2):
-        assert main(['simulate', '--cell', str(cell), '--out', str(folder / f'bag{seed}'), '--seed', str(seed)]) == 0
+    for seed in ('1', '2'):
+        assert main(['simulate', '--cell', str(cell), '--out', str(folder / f'bag{seed}'), '--seed', seed, *SLOW]) == 0
     assert main(['calibrate', str(folder / 'bag1'), '--cell', str(cell), '--out', str(folder / 'out')]) == 0
     return folder
 

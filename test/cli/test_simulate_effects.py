@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run, refused
+from cli.command import refused
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.effects.registry import catalogue
@@ -26,7 +26,7 @@ def touches_of(path: Path):
     return find_touches(read_streams(path, cell), cell).touches
 
 
-def test_effects_are_played_and_not_told(run: Run, tmp_path: Path) -> None:
+def test_effects_are_played_and_not_told(run, tmp_path):
     plain = run('simulate', '--out', 'plain.mcap', '--per-disc', '2')
     made = run('simulate', '--out', 'a.mcap', '--per-disc', '2', '--effect', RADIUS, '--effect', BIAS)
     assert (made.status, made.err) == (0, '')
@@ -45,7 +45,7 @@ def test_effects_are_played_and_not_told(run: Run, tmp_path: Path) -> None:
     assert moved[one.disc != 1].max() < 2e-6
 
 
-def test_truth_file_plays_the_same_again(run: Run, tmp_path: Path) -> None:
+def test_truth_file_plays_the_same_again(run, tmp_path):
     first = ('simulate', '--out', 'a.mcap', '--per-disc', '2', '--seed', '3', '--truth', 'measured')
     assert run(*first, '--effect', RADIUS, '--truth-file', 'truth/a.yaml').status == 0
     again = ('simulate', '--out', 'b.mcap', '--per-disc', '2', '--seed', '3', '--truth', 'truth/a.yaml')
@@ -66,9 +66,7 @@ def test_truth_file_plays_the_same_again(run: Run, tmp_path: Path) -> None:
         (('--effect', RADIUS, '--truth-file', 'taken/deeper'), 2, ('taken', 'not a folder')),
     ],
 )
-def test_what_cannot_be_played_leaves_nothing(
-    run: Run, tmp_path: Path, options: tuple[str, ...], status: int, words: tuple[str, ...]
-) -> None:
+def test_what_cannot_be_played_leaves_nothing(run, tmp_path, options, status, words):
     (tmp_path / 'taken').write_text('mine')
     beside = () if '--truth-file' in options else ('--truth-file', 'truth.yaml')
     refused(run('simulate', '--out', 'x', '--per-disc', '2', *options, *beside), status, *words)
@@ -76,7 +74,7 @@ def test_what_cannot_be_played_leaves_nothing(
     assert (tmp_path / 'taken').read_text() == 'mine'
 
 
-def test_effects_are_listed_with_their_parameters(run: Run) -> None:
+def test_effects_are_listed_with_their_parameters(run):
     result = run('simulate', '--list-effects')
     assert result.status == 0
     for effect in catalogue(PAPER_CELL):
@@ -84,7 +82,7 @@ def test_effects_are_listed_with_their_parameters(run: Run) -> None:
         assert all(p.name in result.out and p.meaning in result.out for p in effect.parameters)
 
 
-def test_slip_with_memory_is_found_in_a_recording(run: Run, tmp_path: Path) -> None:
+def test_slip_with_memory_is_found_in_a_recording(run, tmp_path):
     """The preloads and the unloading between the touches come from the streams; the touches alone do not show it."""
     effect = ('--effect', 'joint_slip[joint1]:compliance=6e-5,slip_torque=1.5')
     plan = ('--per-disc', '8', '--preload', '0.3', '--seed', '9', '--joint-rate', '25', '--wrench-rate', '40')

@@ -10,7 +10,7 @@ import pytest
 from benchmark.common import CELL
 from benchmark.faults import outcomes
 from benchmark.faults.formats import CELL_FILE, forms, short_streams
-from benchmark.faults.outcomes import CANARY, FAILURES, Form, Verdict, cell_outcome, outcome_of, reading_outcome
+from benchmark.faults.outcomes import CANARY, FAILURES, Verdict, cell_outcome, outcome_of, reading_outcome
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell
 
@@ -26,7 +26,7 @@ def somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize('form', FORMS, ids=lambda form: form.name)
-def test_a_damaged_recording_is_refused_or_warned_about(form: Form, tmp_path: Path) -> None:
+def test_a_damaged_recording_is_refused_or_warned_about(form, tmp_path):
     met = set()
     for number in range(BAGS):
         case = reading_outcome(form, number, STREAMS, CELL, tmp_path / 'case')
@@ -37,14 +37,14 @@ def test_a_damaged_recording_is_refused_or_warned_about(form: Form, tmp_path: Pa
 
 
 @pytest.mark.parametrize('text', [CELL_FILE.read_text(encoding='utf-8'), dump_cell(CELL)], ids=['example', 'compact'])
-def test_a_damaged_cell_file_is_refused_in_one_line_or_makes_sense(text: str, tmp_path: Path) -> None:
+def test_a_damaged_cell_file_is_refused_in_one_line_or_makes_sense(text, tmp_path):
     cases = [cell_outcome(text, number, tmp_path / 'case') for number in range(CELLS)]
     assert [(number, case) for number, case in enumerate(cases) if case.verdict in FAILURES] == []
     refused = sum(case.verdict is Verdict.REFUSED for case in cases)
     assert CELLS // 3 < refused < CELLS
 
 
-def test_what_is_intact_is_read_without_a_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_intact_is_read_without_a_word(tmp_path, monkeypatch):
     monkeypatch.setattr(outcomes, 'mutated', lambda content, other, rng: content)
     monkeypatch.setattr(outcomes, 'mutated_yaml', lambda text, rng: text.encode())
     for form in FORMS:
@@ -53,7 +53,7 @@ def test_what_is_intact_is_read_without_a_word(tmp_path: Path, monkeypatch: pyte
     assert cell_outcome(dump_cell(CELL), 0, tmp_path / 'case').verdict is Verdict.SAME
 
 
-def test_the_judge_sees_what_it_looks_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_judge_sees_what_it_looks_for(tmp_path, monkeypatch):
     def crash() -> tuple[float, str]:
         raise KeyError('robot')
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -30,13 +28,13 @@ CHEAP = (
 
 
 @pytest.mark.parametrize('name', CHEAP)
-def test_a_hostile_file_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+def test_a_hostile_file_is_refused_in_one_line(name, tmp_path):
     cost = cost_of(CASES[name](tmp_path), tmp_path)
     assert (cost.status, cost.problem) == (2, ''), cost
     assert cost.megabytes > 10  # it was measured
 
 
-def test_the_judge_of_costs() -> None:
+def test_the_judge_of_costs():
     good = Cost(2, SECONDS - 1, MEGABYTES - 1, 'scara-kinetostatic: file: wrong')
     assert good.problem == ''
     for change in (
@@ -49,16 +47,14 @@ def test_the_judge_of_costs() -> None:
         assert good._replace(**change).problem
 
 
-def test_mutated_files_of_every_format(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_mutated_files_of_every_format(monkeypatch, capsys):
     monkeypatch.setattr('sys.argv', ['fuzz', '--files', '168', '--seed', '1'])
     monkeypatch.setattr(fuzz, 'MEMORY', np.inf)  # of this process, which has done other things
     assert fuzz.main() == 0
     assert '168 files of 28 formats: 0 failures' in capsys.readouterr().out
 
 
-def test_the_limit_can_be_raised(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_limit_can_be_raised(tmp_path, monkeypatch, capsys):
     path = tmp_path / 'a.mcap'
     streams = short_streams()
     write_streams(path, streams, CELL)
@@ -77,7 +73,7 @@ def test_the_limit_can_be_raised(
     assert main(['inspect', str(path), '--max-bytes', '-1']) == 2
 
 
-def test_a_sparse_file_beside_a_recording_raises_no_limit(tmp_path: Path) -> None:
+def test_a_sparse_file_beside_a_recording_raises_no_limit(tmp_path):
     write_streams(tmp_path / 'a.mcap', short_streams(), CELL)
     records = Budget(tmp_path).records
     for name in ('notes.bin', 'b.mcap'):
@@ -86,7 +82,7 @@ def test_a_sparse_file_beside_a_recording_raises_no_limit(tmp_path: Path) -> Non
     assert Budget(tmp_path).records == records
 
 
-def test_a_covariance_has_to_be_positive_semidefinite() -> None:
+def test_a_covariance_has_to_be_positive_semidefinite():
     rows = np.array([[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]])
     with pytest.raises(ValueError, match=r'not positive semidefinite: the correlation has an eigenvalue -0\.8'):
         stored_covariance(rows.tolist(), 3)

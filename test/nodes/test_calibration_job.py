@@ -73,7 +73,7 @@ def cell_file(folder: Path, cell: Cell) -> str:
     return str(path)
 
 
-def test_two_recordings_are_calibrated_together(job: Make, bags: list[Path]) -> None:
+def test_two_recordings_are_calibrated_together(job, bags):
     result = calibrated(job(recordings=[str(bags[0]), str(bags[1])]))
     facts = result.facts
     assert (facts['assessment'], facts['verdict'], facts['warnings']) == ('fit', 'none', [])
@@ -85,56 +85,38 @@ def test_two_recordings_are_calibrated_together(job: Make, bags: list[Path]) -> 
     assert result.heard[-1] == ('writing the results', 0.8)
 
 
-def test_a_recording_that_cannot_be_read_is_named_and_may_be_left_out(job: Make, bags: list[Path]) -> None:
+def test_recordings_and_touches_can_be_left_out(job, bags):
     several = job(recordings=[str(bags[2]), str(bags[0])])
     with pytest.raises(RecordingError, match='broken'):
         calibrated(several)
-    kept = calibrated(several._replace(left_out=['broken', 'first:3']))
+    kept = calibrated(several._replace(left_out=['broken', 'first:3', '4-5']))
     assert kept.facts['recordings'] == [str(bags[0])]
-    assert kept.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
+    assert kept.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4, 5)]
+    with pytest.raises(InputError, match="'third' is none of the recordings"):
+        calibrated(job(left_out=['third']))
 
 
-def test_recordings_of_other_cell_descriptions_are_refused(job: Make, bags: list[Path], tmp_path: Path) -> None:
+def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_replace_files(job, bags, tmp_path):
+    strict = job(cell=cell_file(tmp_path, replace(PAPER_CELL, noise=None, tolerance=1e-6)))
+    result = calibrated(strict)
+    warning = f'{bags[0]} contains another cell description (noise); that of the parameter cell is used'
+    assert result.facts['warnings'] == result.document['warnings'] == [warning]
+    assert result.facts['assessment'] == 'unfit'
+    assert result.folder == tmp_path / 'out' / 'unfit'
+    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['unfit']
+    assert calibrated(strict._replace(publish_unfit=True)).folder == tmp_path / 'out'
     write_streams(tmp_path / 'third', read_streams(bags[1], PAPER_CELL), replace(PAPER_CELL, noise=None))
     with pytest.raises(RecordingError, match='third: contains another cell description than'):
         calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')]))
 
 
-def test_another_cell_description_than_the_recorded_one_is_a_warning(
-    job: Make, bags: list[Path], tmp_path: Path
-) -> None:
-    other = replace(PAPER_CELL, noise=None)
-    result = calibrated(job(cell=cell_file(tmp_path, other)))
-    warning = f'{bags[0]} contains another cell description (noise); that of the parameter cell is used'
-    assert result.facts['warnings'] == result.document['warnings'] == [warning]
-
-
-def test_touches_and_recordings_can_be_left_out(job: Make, bags: list[Path]) -> None:
-    both = [str(bags[0]), str(bags[1])]
-    result = calibrated(job(recordings=both, left_out=['3-4', 'second']))
-    assert result.facts['recordings'] == both[:1]
-    assert result.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4)]
-    with pytest.raises(InputError, match="'third' is none of the recordings"):
-        calibrated(job(left_out=['third']))
-
-
-def test_an_unfit_result_does_not_replace_files(job: Make, tmp_path: Path) -> None:
-    strict = job(cell=cell_file(tmp_path, replace(PAPER_CELL, tolerance=1e-6)))
-    result = calibrated(strict)
-    assert result.facts['assessment'] == 'unfit'
-    assert result.folder == tmp_path / 'out' / 'unfit'
-    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['unfit']
-    result = calibrated(strict._replace(publish_unfit=True))
-    assert result.folder == tmp_path / 'out'
-
-
-def test_a_folder_that_cannot_be_written_is_named(job: Make, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_named(job, tmp_path):
     (tmp_path / 'out').write_text('a file')
     with pytest.raises(OutputError, match=str(tmp_path / 'out')):
         calibrated(job())
 
 
-def test_what_contradicts_the_cell_names_its_file(job: Make, bags: list[Path], tmp_path: Path) -> None:
+def test_what_contradicts_the_cell_names_its_file(job, bags, tmp_path):
     sensor = PAPER_CELL.sensor._replace(
         sign=next(s for s in type(PAPER_CELL.sensor.sign) if s != PAPER_CELL.sensor.sign)
     )
@@ -143,7 +125,7 @@ def test_what_contradicts_the_cell_names_its_file(job: Make, bags: list[Path], t
         calibrated(job(cell=path))
 
 
-def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
+def test_the_process_speaks_json_only(bags, tmp_path):
     order = Job([str(bags[2])], '', [], [], str(tmp_path), False)
     code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
     ended = subprocess.run(
@@ -155,7 +137,7 @@ def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
     assert ended.stderr == ''
 
 
-def test_the_process_ends_with_the_node(bags: list[Path], tmp_path: Path) -> None:
+def test_the_process_ends_with_the_node(bags, tmp_path):
     order = Job([str(bags[0])], '', [], [], str(tmp_path / 'out'), False)
     code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
     pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
@@ -182,16 +164,14 @@ def test_the_process_ends_with_the_node(bags: list[Path], tmp_path: Path) -> Non
         ([('', 1)], [], [], []),
     ],
 )
-def test_announced_recordings_that_belong_together(
-    announcements: list[tuple[str, int | None]], session: list[str], last: list[str], everything: list[str]
-) -> None:
+def test_announced_recordings_that_belong_together(announcements, session, last, everything):
     announced = Announced()
     for path, number in announcements:
         announced.note(path, number)
     assert [announced.chosen(which) for which in CHOICES] == [session, last, everything]
 
 
-def test_a_recording_that_was_stopped_ends_the_session() -> None:
+def test_a_recording_that_was_stopped_ends_the_session():
     announced = Announced()
     announced.note('monday', 1)
     announced.note('monday_again', 1)  # after a crash

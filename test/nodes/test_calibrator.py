@@ -14,7 +14,6 @@ from nodes.waiting import WAIT, Bench
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
@@ -96,9 +95,7 @@ def files_in(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def test_a_calibration_becomes_parameters_and_files_and_a_failure_leaves_them(
-    calling: Callable[..., Calling], grown: Path, grown_outcome: Outcome, tmp_path: Path
-) -> None:
+def test_a_calibration_becomes_parameters_and_files_and_a_failure_leaves_them(calling, grown, grown_outcome, tmp_path):
     b = calling(output=tmp_path)
     answer = b.calibrate()
     assert not answer.success and 'no recording is named' in answer.message
@@ -141,9 +138,7 @@ def grown_outcome(grown: Path) -> Outcome:
     return calibrate_recordings([grown], PAPER_CELL)
 
 
-def test_results_can_be_loaded_again_and_effects_come_and_go_with_them(
-    calling: Callable[..., Calling], recording: Path, grown_outcome: Outcome, tmp_path: Path
-) -> None:
+def test_results_can_be_loaded_again_and_effects_come_and_go_with_them(calling, recording, grown_outcome, tmp_path):
     first = write_results(grown_outcome, tmp_path / 'grown', report=False)
     plain = calibrate_recordings([recording], PAPER_CELL, fixed={'g_ee': 1e-4})
     write_results(plain, tmp_path / 'plain', report=False)
@@ -162,9 +157,7 @@ def test_results_can_be_loaded_again_and_effects_come_and_go_with_them(
     assert 'read-only' in b.set('calibrated.g_ee', 1.0)
 
 
-def test_a_calibrator_that_is_started_again_takes_its_result(
-    calling: Callable[..., Calling], grown_outcome: Outcome, recording: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_calibrator_that_is_started_again_takes_its_result(calling, grown_outcome, recording, monkeypatch):
     write_results(grown_outcome, recording.with_name('touches_calibration'), report=False)
     monkeypatch.chdir(recording.parent)
     b = calling(restore=True, recording='touches')
@@ -181,9 +174,7 @@ def test_a_calibrator_that_is_started_again_takes_its_result(
         ('print(\'{"error": "internal error: ZeroDivisionError: by zero"}\')', 'ZeroDivisionError: by zero'),
     ],
 )
-def test_a_surprise_in_a_calibration_does_not_end_the_node(
-    calling: Callable[..., Calling], recording: Path, code: str, message: str
-) -> None:
+def test_a_surprise_in_a_calibration_does_not_end_the_node(calling, recording, code, message):
     b = calling(code=code, recording=recording)
     for number in (1, 2):
         answer = b.calibrate()
@@ -194,9 +185,7 @@ def test_a_surprise_in_a_calibration_does_not_end_the_node(
         assert b.heard[-1]['part'] < 1.0, 'the work is not done'
 
 
-def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancelled(
-    calling: Callable[..., Calling], recording: Path
-) -> None:
+def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancelled(calling, recording):
     slow = f'import time; print({json.dumps({"progress": PROGRESS})!r}, flush=True); time.sleep(3600)'
     b = calling(code=slow, recording=recording)
     assert b.call('/calibrator/cancel').message == 'no calibration is running'
@@ -220,9 +209,7 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
         assert b.heard[-1]['part'] == PROGRESS['part']
 
 
-def test_a_calibration_that_does_not_end_is_killed(
-    calling: Callable[..., Calling], recording: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_calibration_that_does_not_end_is_killed(calling, recording, monkeypatch):
     step = json.dumps({'progress': PROGRESS | {'step': 'deaf'}})
     deaf = f'signal.signal(signal.SIGTERM, signal.SIG_IGN); print({step!r}, flush=True); time.sleep(999)'
     monkeypatch.setattr(module, 'PATIENCE', 0.2)
@@ -233,7 +220,7 @@ def test_a_calibration_that_does_not_end_is_killed(
     assert 'cancelled' in answer.result().message
 
 
-def test_a_wrong_cell_is_refused_by_name(calling: Callable[..., Calling], tmp_path: Path, cell_file: Path) -> None:
+def test_a_wrong_cell_is_refused_by_name(calling, tmp_path, cell_file):
     b, wrong = calling(), tmp_path / 'wrong.yaml'
     wrong.write_text(cell_file.read_text().replace('radius: 0.15', 'radius: -0.15'))
     assert 'radius' in b.set('cell', str(wrong))
@@ -241,9 +228,7 @@ def test_a_wrong_cell_is_refused_by_name(calling: Callable[..., Calling], tmp_pa
     assert b.set('cell', str(cell_file)) == ''
 
 
-def test_a_calibration_gives_up_when_the_node_ends(
-    processes: NodeProcesses, client: DemoClient, recording: Path, tmp_path: Path
-) -> None:
+def test_a_calibration_gives_up_when_the_node_ends(processes, client, recording, tmp_path):
     processes.start('calibrator', {'recording': recording, 'output': tmp_path / 'results'})
     heard: list[str] = []
     client._node.create_subscription(String, '/calibrator/progress', lambda said: heard.append(said.data), LATCHED)

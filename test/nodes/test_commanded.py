@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import eventually, trigger
+from nodes.waiting import trigger
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from benchmark.cell_nodes import DemoClient, NodeProcesses
+from benchmark.cell_nodes import DemoClient
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
@@ -34,8 +32,12 @@ class Cockpit:
         self._client, node = client, client._node
         self.states: list[JointState] = []
         self.clock: list[float] = []
+        self.forces: list[list[float]] = []
         node.create_subscription(JointState, '/joint_states', self.states.append, 10)
         node.create_subscription(Clock, '/clock', lambda said: self.clock.append(said.clock.sec), 10)
+        node.create_subscription(
+            WrenchStamped, '/wrench', lambda w: self.forces.append([w.wrench.force.x, w.wrench.force.y]), 10
+        )
         self._out = node.create_publisher(JointTrajectory, '/joint_trajectory', 10)
         client.wait('the robot', lambda: bool(self.states) and self._out.get_subscription_count() > 0, 120.0)
 
@@ -54,20 +56,22 @@ class Cockpit:
         return self._client.call('/contact_simulator/set_parameters', SetParameters, request, 60.0).results[0]
 
 
-@pytest.fixture(params=['', 'plain'])
-def cockpit(
-    request: pytest.FixtureRequest, processes: NodeProcesses, client: DemoClient, cell_in: Callable[..., Path]
-) -> Cockpit:
+@pytest.mark.parametrize('scene', ['', 'plain'])
+def test_it_obeys_and_says_what_it_refuses(processes, client, cell_in, scene):
     """With the robot by its model, and in MuJoCo."""
-    if request.param:
+    if scene:
         pytest.importorskip('mujoco')
-    cell = cell_in(CELL)
-    parameters = {'cell': cell, 'commanded': True, 'scene': request.param, 'publish_clock': True, 'time_factor': 5.0}
-    processes.start('contact_simulator', parameters)
-    return Cockpit(client)
+    path = cell_in(CELL, sensor=CELL.sensor._replace(zero_service='/contact_simulator/zero'))
+    parameters = {'cell': path, 'commanded': True, 'scene': scene, 'publish_clock': True, 'time_factor': 5.0}
+    processes.start('contact_simulator', parameters | {'bias.x': 3.0, 'bias.y': -2.0, 'overload': 50.0})
+    cockpit, log = Cockpit(client), processes.log('contact_simulator')
 
+    forces = cockpit.forces
+    client.wait('the force', lambda: bool(forces), 120.0)
+    assert forces[-1] == pytest.approx([3.0, -2.0], abs=1.0)
+    assert trigger(client, '/contact_simulator/zero').message == 'the force is zero'
+    client.wait('zero', lambda: forces[-1] == pytest.approx([0.0, 0.0], abs=1.0), 60.0)
 
-def test_it_obeys_and_says_what_it_refuses(cockpit: Cockpit, processes: NodeProcesses, client: DemoClient) -> None:
     assert list(cockpit.states[-1].name) == ['joint1', 'joint2', 'joint3', 'joint4']
     q1, q2, *_ = begin = cockpit.at
     cockpit.send([0.1, 0.015, q2 - 0.05, q1 - 0.05])
@@ -75,7 +79,6 @@ def test_it_obeys_and_says_what_it_refuses(cockpit: Cockpit, processes: NodeProc
     cockpit.wait(lambda: cockpit.at == pytest.approx(goal, abs=2e-4))
     cockpit.send([0.1, 0.0, 5.0, q1])
     cockpit.send([q2, q1], ('joint2', 'joint1'))
-    log = processes.log('contact_simulator')
     for text in ('joint2 at 5 is beyond its limits', 'expected the joints joint1 joint2 joint3 joint4'):
         cockpit.wait(lambda: f'trajectory refused: {text}' in log.read_text())  # noqa: B023
     assert cockpit.at == pytest.approx(goal, abs=2e-4)
@@ -90,63 +93,33 @@ def test_it_obeys_and_says_what_it_refuses(cockpit: Cockpit, processes: NodeProc
     assert stamps == sorted(stamps) and cockpit.clock == sorted(cockpit.clock)
     assert abs(cockpit.clock[-1] - stamps[-1]) <= 1, 'the clock runs as the stamps do'
 
-
-def test_a_robot_that_is_commanded_has_no_plan(spin: Callable[..., Node]) -> None:
-    with pytest.raises(ParameterError, match='parameter commanded: a commanded robot has no plan'):
-        spin(ContactSimulator, commanded=True, preload=0.3)
+    if not scene:  # an overload
+        assert cockpit.set_fault('').successful
+        cockpit.send([0.1, 0.02, q2, q1 + 0.5])
+        cockpit.wait(lambda: cockpit.at[0] > q1 + 0.4)
+        cockpit.send([0.1, 0.0, q2, q1 + 0.5])
+        for text in ('the drives have stopped: ', 'call ~/reset'):
+            cockpit.wait(lambda: text in log.read_text())  # noqa: B023
 
 
 @pytest.mark.parametrize(
-    ('argument', 'message'),
+    ('given', 'message'),
     [
-        ('scene:=nowhere', "scene: there is no 'nowhere'"),
-        ('fault:=nonsense', 'expected one of'),
-        ('lag:=-1.0', 'parameter lag'),
-        ('speed_limit:=0.0', 'parameter speed_limit'),
+        ({'scene': 'nowhere'}, "scene: there is no 'nowhere'"),
+        ({'fault': 'nonsense'}, 'expected one of'),
+        ({'lag': -1.0}, 'parameter lag'),
+        ({'preload': 0.3}, 'parameter commanded: a commanded robot has no plan'),
+        ({'scene': 'plain', 'effects': 'sensor_bias:x=1.0,y=-0.5'}, 'a scene has its own'),
     ],
 )
-def test_senseless_parameters_are_refused(spin: Callable[..., Node], argument: str, message: str) -> None:
+def test_senseless_parameters_are_refused(spin, given, message):
+    effects = ['-p', f"effects:=['{given['effects']}']"] if 'effects' in given else []
+    rest = {name: value for name, value in given.items() if name != 'effects'}
     with pytest.raises(ParameterError, match=message):
-        spin(ContactSimulator, '-p', argument, commanded=True)
+        spin(ContactSimulator, *effects, commanded=True, **rest)
 
 
-def test_effects_do_not_go_with_a_scene(spin: Callable[..., Node]) -> None:
-    texts = "['sensor_bias:x=1.0,y=-0.5']"
-    with pytest.raises(ParameterError, match='a scene has its own'):
-        spin(ContactSimulator, '-p', f'effects:={texts}', commanded=True, scene='plain')
-
-
-def test_its_sensor_is_set_to_zero(processes: NodeProcesses, client: DemoClient, cell_in: Callable[..., Path]) -> None:
-    path, forces = (
-        cell_in(CELL, sensor=CELL.sensor._replace(zero_service='/contact_simulator/zero')),
-        list[list[float]](),
-    )
-    processes.start('contact_simulator', {'cell': path, 'commanded': True, 'bias.x': 3.0, 'bias.y': -2.0})
-    topic = CELL.sensor.wrench
-    client._node.create_subscription(
-        WrenchStamped, topic, lambda w: forces.append([w.wrench.force.x, w.wrench.force.y]), 10
-    )
-    client.wait('the force', lambda: bool(forces), 120.0)
-    assert forces[-1] == pytest.approx([3.0, -2.0], abs=1.0)
-    assert trigger(client, '/contact_simulator/zero').message == 'the force is zero'
-    client.wait('zero', lambda: forces[-1] == pytest.approx([0.0, 0.0], abs=1.0), 60.0)
-
-
-def test_an_overload_is_said(processes: NodeProcesses, client: DemoClient, cell_in: Callable[..., Path]) -> None:
-    cell = cell_in(CELL)
-    processes.start('contact_simulator', {'cell': cell, 'commanded': True, 'time_factor': 5.0, 'overload': 50.0})
-    cockpit = Cockpit(client)
-    q1, q2, *_ = cockpit.at
-    cockpit.send([0.1, 0.02, q2, q1 + 0.5])
-    cockpit.wait(lambda: cockpit.at[0] > q1 + 0.4)
-    cockpit.send([0.1, 0.0, q2, q1 + 0.5])
-    cockpit.wait(lambda: 'the drives have stopped: ' in processes.log('contact_simulator').read_text())
-    assert eventually(lambda: 'call ~/reset' in processes.log('contact_simulator').read_text())
-
-
-def test_it_serves_the_action_of_ros2_control(
-    processes: NodeProcesses, client: DemoClient, cell_in: Callable[..., Path]
-) -> None:
+def test_it_serves_the_action_of_ros2_control(processes, client, cell_in):
     """With the types of control_msgs, where they are installed."""
     kind = pytest.importorskip('control_msgs.action').FollowJointTrajectory
     cell = cell_in(CELL)

@@ -22,7 +22,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.files.calibration_file import arm_document
-from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Identification, Lift, Plane, Sensor
 from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
@@ -118,7 +117,7 @@ def turned(*pairs: float) -> Any:
     return pytest.approx(pairs, abs=1e-9)
 
 
-def test_the_tip_under_load_with_its_covariance(b: Bench, arm: CalibratedArm) -> None:
+def test_the_tip_under_load_with_its_covariance(b, arm):
     b.wait(lambda: b.poses, b.move)
     message, expected = b.poses[-1], OnlineArm(arm).locate(*JOINTS, *FORCE)
     turn = message.pose.pose.orientation
@@ -134,24 +133,7 @@ def test_the_tip_under_load_with_its_covariance(b: Bench, arm: CalibratedArm) ->
     b.wait(b.says('following the tip', OK), b.move)
 
 
-def test_joint_angles_in_parts_are_joined(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
-    b, late = bench(), 400_000
-
-    def move(parts: int = 2) -> None:
-        b.stamp += 1_000_000
-        b.force.publish(wrench((b.stamp, *FORCE), 'base'))
-        for joint, name in enumerate(CELL.joint_names[:parts]):
-            b.joints.publish(joint_state((b.stamp + joint * late, JOINTS[joint]), [name]))
-
-    b.wait(lambda: b.poses, move)
-    expected = OnlineArm(arm).locate(*JOINTS, *FORCE)
-    assert b.place == turned(expected.x, expected.y)
-    assert b.poses[-1].header.stamp.nanosec % 1_000_000 in (0, late)
-    b.wait(b.says('the force is not tared', WARN), move)
-    b.wait(b.says('joint2 is silent', WARN), partial(move, 1))
-
-
-def test_a_wanted_pose_and_force_are_answered(b: Bench, arm: CalibratedArm) -> None:
+def test_a_wanted_pose_and_force_are_answered(b, arm):
     def ask() -> None:
         b.move()
         b.wanted.publish(wrench((0, 0.0, 30.0), ''))
@@ -167,9 +149,7 @@ def test_a_wanted_pose_and_force_are_answered(b: Bench, arm: CalibratedArm) -> N
     assert duration.sec + 1e-9 * duration.nanosec == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_coupled_drive_is_heard_and_answered_in_its_own_angles(
-    bench: Callable[..., Bench], arm: CalibratedArm
-) -> None:
+def test_a_coupled_drive_is_heard_and_answered_in_its_own_angles(bench, arm):
     b = bench(replace(CELL, coupling=0.25))
     move = partial(b.move, (JOINTS[0], JOINTS[1] + 0.25 * JOINTS[0]))
     b.wait(lambda: b.poses, move)
@@ -182,7 +162,7 @@ def test_a_coupled_drive_is_heard_and_answered_in_its_own_angles(
     assert tuple(b.trajectories[-1].points[0].positions) == wanted
 
 
-def test_a_robot_is_heard_and_answered_in_its_own_frame(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+def test_a_robot_is_heard_and_answered_in_its_own_frame(bench, arm):
     """The plane stands upright in `world`, both joints turn clockwise, the wrench is in `world`."""
     plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     cell = replace(CELL, plane=plane, direction=(-1, -1))
@@ -202,49 +182,42 @@ def test_a_robot_is_heard_and_answered_in_its_own_frame(bench: Callable[..., Ben
     assert tuple(b.trajectories[-1].points[0].positions) == joints
 
 
-@pytest.mark.parametrize(
-    ('wish', 'said'),
-    [
+def test_a_wish_that_cannot_be_answered_is_said(b):
+    for wish, said in (
         ((0.9, 0.0), 'out of reach'),
         ((nan, 0.2), 'expected plausible numbers'),
         ((0.3, 0.2, 'camera'), "expected the frame base_link, got 'camera'"),
-    ],
-)
-def test_what_cannot_be_answered_is_said(b: Bench, wish: tuple[Any, ...], said: str) -> None:
-    def ask() -> None:
-        b.move()
-        b.want(*wish)
-
-    b.wait(b.says(said, WARN), ask)
+    ):
+        b.wait(b.says(said, WARN), lambda wish=wish: (b.move(), b.want(*wish)))
     assert not b.trajectories
 
 
-@pytest.mark.parametrize(
-    ('place', 'force', 'frame', 'said'),
-    [
-        ((0.9, 0.0), (0.0, 20.0), '', 'out of reach'),
-        ((-0.2, 0.30), (0.0, 20.0), '', 'is inside disc_1'),
-        ((0.21, 0.42), (0.0, 0.0), '', 'is inside disc_2'),
-        ((0.45, 0.15), (0.0, 20.0), '', 'is inside an obstacle'),
-        ((-0.3, -0.45), (0.0, 20.0), '', 'needs joint1 at '),
-        ((0.15, 0.12), (0.0, 0.0), '', 'needs joint2 at 2.5'),
-        ((0.3, 0.2), (500.0, 0.0), 'camera', "expected the frame base_link, got 'camera'"),
-        ((0.3, 0.2), (nan, 0.0), '', 'expected plausible numbers'),
-        ((0.3, 0.2), None, '', 'expected one transform and one wrench, got 1 transforms and 0 wrenches'),
-    ],
+REFUSED: tuple[tuple[Any, Any, str, str], ...] = (
+    ((0.9, 0.0), (0.0, 20.0), '', 'out of reach'),
+    ((-0.2, 0.30), (0.0, 20.0), '', 'is inside disc_1'),
+    ((0.21, 0.42), (0.0, 0.0), '', 'is inside disc_2'),
+    ((0.45, 0.15), (0.0, 20.0), '', 'is inside an obstacle'),
+    ((-0.3, -0.45), (0.0, 20.0), '', 'needs joint1 at '),
+    ((0.15, 0.12), (0.0, 0.0), '', 'needs joint2 at 2.5'),
+    ((0.3, 0.2), (500.0, 0.0), 'camera', "expected the frame base_link, got 'camera'"),
+    ((0.3, 0.2), (nan, 0.0), '', 'expected plausible numbers'),
+    ((0.3, 0.2), None, '', 'expected one transform and one wrench, got 1 transforms and 0 wrenches'),
 )
-def test_a_refused_request_has_a_status_and_no_answer(b: Bench, place: Any, force: Any, frame: str, said: str) -> None:
-    found = b.answer(lambda: b.ask(place, force, frame))
-    assert (found['level'], found['status'], found['topic']) == (ERROR, 'refused', '~/compensate')
-    assert said in found['message']
+
+
+def test_a_refused_request_has_a_status_and_no_answer(b):
+    for place, force, frame, said in REFUSED:
+        found = b.answer(lambda: b.ask(place, force, frame))  # noqa: B023
+        assert (found['level'], found['status'], found['topic']) == (ERROR, 'refused', '~/compensate')
+        assert said in found['message']
     assert not b.trajectories
     good = b.answer(lambda: b.ask((0.3, 0.2), (20.0, 30.0), 'base_link'))
     assert (good['level'], good['status']) == (OK, 'ok')
-    for trajectory in b.trajectories:  # none of the one refused
+    for trajectory in b.trajectories:  # none of those refused
         assert trajectory.points[0].positions[:2] == pytest.approx([float(good['q1_rad']), float(good['q2_rad'])])
 
 
-def test_a_place_on_the_surface_of_a_disc_is_answered(b: Bench, arm: CalibratedArm) -> None:
+def test_a_place_on_the_surface_of_a_disc_is_answered(b, arm):
     place, force = (0.20, 0.40 - 0.05), (0.0, 20.0)
     found, expected = b.answer(lambda: b.ask(place, force)), sk.compensate(arm, place, force, 'left')
     assert (found['level'], found['status'], found['elbow']) == (OK, 'ok', 'present')
@@ -253,7 +226,7 @@ def test_a_place_on_the_surface_of_a_disc_is_answered(b: Bench, arm: CalibratedA
     assert [float(found[name]) for name in names] == pytest.approx(numbers)
 
 
-def test_the_other_joints_of_the_controller_are_sent_along(bench: Callable[..., Bench]) -> None:
+def test_the_other_joints_of_the_controller_are_sent_along(bench):
     b = bench(LIMITED)
 
     def move(lift: float | None, wrist: float) -> Callable[[], None]:
@@ -278,29 +251,27 @@ def test_the_other_joints_of_the_controller_are_sent_along(bench: Callable[..., 
     assert len(b.trajectories) == number
 
 
-@pytest.mark.parametrize(
-    ('force', 'frame'), [((500.0, 0.0), 'camera'), ((nan, 0.0), 'base_link'), ((0.0, 1e9), 'base_link')]
-)
-def test_a_pose_is_not_answered_with_the_former_force_after_one_that_is_refused(
-    b: Bench, force: tuple[float, float], frame: str
-) -> None:
+def test_a_pose_is_not_answered_with_the_former_force_after_one_that_is_refused(b):
     def want(size: tuple[float, float], frame: str) -> None:
         b.wanted.publish(wrench((0, *size), frame))
         b.want(0.3, 0.2)
 
-    assert b.answer(lambda: want((0.0, 30.0), ''))['fy_N'] == '30.0'
-    b.wait(lambda: b.node._wanted is None, lambda: b.wanted.publish(wrench((0, *force), frame)))
-    number = len(b.trajectories)
-    for wish in (lambda: want(force, frame), lambda: b.want(0.3, 0.2)):  # the force once more, and the pose alone
-        found = b.answer(wish)
-        assert found['message'] == '~/target_pose is not answered: the last force on ~/target_wrench was refused'
-        assert found['status'] == 'refused'
-    assert len(b.trajectories) == number
+    for force, frame in (((500.0, 0.0), 'camera'), ((nan, 0.0), 'base_link'), ((0.0, 1e9), 'base_link')):
+        b.wait(lambda: b.node._wanted == (0.0, 30.0), lambda: b.wanted.publish(wrench((0, 0.0, 30.0), '')))
+        assert b.answer(lambda: want((0.0, 30.0), ''))['fy_N'] == '30.0'
+        refused = partial(want, force, frame)
+        b.wait(lambda: b.node._wanted is None, refused)
+        number = len(b.trajectories)
+        for wish in (refused, lambda: b.want(0.3, 0.2)):  # the force once more, and the pose alone
+            found = b.answer(wish)
+            assert found['message'] == '~/target_pose is not answered: the last force on ~/target_wrench was refused'
+            assert found['status'] == 'refused'
+        assert len(b.trajectories) == number
     b.wait(lambda: b.node._wanted == (0.0, 10.0), lambda: b.wanted.publish(wrench((0, 0.0, 10.0), '')))
     assert b.answer(lambda: b.want(0.3, 0.2))['fy_N'] == '10.0'
 
 
-def test_stale_and_extrapolated(bench: Callable[..., Bench]) -> None:
+def test_stale_and_extrapolated(bench):
     b = bench(timeout=0.05)
     b.wait(b.says('no recent joint angles', WARN))
     b.wait(b.says('no recent forces', WARN), lambda: b.move(force=None))
@@ -308,7 +279,7 @@ def test_stale_and_extrapolated(bench: Callable[..., Bench]) -> None:
     b.wait(b.says('poses extrapolated', WARN), lambda: b.move(force=(150.0, 0.0)))
 
 
-def test_an_answer_beyond_the_calibration_is_said(b: Bench) -> None:
+def test_an_answer_beyond_the_calibration_is_said(b):
     def ask() -> None:
         b.move()
         b.wanted.publish(wrench((0, 150.0, 0.0), 'base_link'))
@@ -320,7 +291,7 @@ def test_an_answer_beyond_the_calibration_is_said(b: Bench) -> None:
     assert (status.level, status.message.endswith('extrapolated')) == (WARN, True)
 
 
-def test_results_of_the_calibrator_are_exchanged(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+def test_results_of_the_calibrator_are_exchanged(bench, arm):
     b = bench(calibration='')
 
     def publish(document: dict[str, Any]) -> None:
@@ -345,7 +316,7 @@ def test_results_of_the_calibrator_are_exchanged(bench: Callable[..., Bench], ar
     assert b.place[0] - before == pytest.approx(0.05 - arm.model.parameters.x0, abs=1e-6)
 
 
-def test_the_zero_of_the_force(b: Bench, arm: CalibratedArm) -> None:
+def test_the_zero_of_the_force(b, arm):
     move = partial(b.move, force=(3.0, -4.0))
     b.wait(lambda: len(b.poses) > 5, move)
     assert b.call('/compensator/tare', move).message == 'zero of the force: (3, -4) N'
@@ -354,7 +325,7 @@ def test_the_zero_of_the_force(b: Bench, arm: CalibratedArm) -> None:
     assert b.place == pytest.approx((free.x, free.y), abs=3e-4)  # the hysteresis of the dead bands
 
 
-def test_the_bytes_of_a_pose_are_those_of_the_message() -> None:
+def test_the_bytes_of_a_pose_are_those_of_the_message():
     for frame in ('base_link', 'left/base_link', '', 'abc'):
         unknown = nan if frame == 'base_link' else 6.0
         covariance = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, unknown]])
@@ -368,7 +339,7 @@ def test_the_bytes_of_a_pose_are_those_of_the_message() -> None:
         assert not np.nan_to_num(found[2:5]).any() and np.isnan(found).sum() == np.isnan(unknown)
 
 
-def test_an_older_result_from_before_the_start_is_not_taken(b: Bench, arm: CalibratedArm) -> None:
+def test_an_older_result_from_before_the_start_is_not_taken(b, arm):
     """A latched one; one that is published later is wanted, as by `~/load`."""
     followed = b.node._calibration
     older = String(data=json.dumps(arm_document(replace(arm, cell=LIMITED, created='2025-01-01T00:00:00Z'))))
@@ -378,7 +349,7 @@ def test_an_older_result_from_before_the_start_is_not_taken(b: Bench, arm: Calib
     assert followed.present.created == '2025-01-01T00:00:00Z'
 
 
-def test_a_result_of_another_robot_is_refused(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+def test_a_result_of_another_robot_is_refused(bench, arm):
     followed = bench().node._calibration
     followed.cell = replace(CELL, identification=Identification(robot='A 1'))
     for name in ('A 1', 'B 77'):
@@ -389,7 +360,7 @@ def test_a_result_of_another_robot_is_refused(bench: Callable[..., Bench], arm: 
     assert "robot 'B 77'" in followed.refused
 
 
-def test_another_frame_of_the_forces_needs_another_zero(b: Bench) -> None:
+def test_another_frame_of_the_forces_needs_another_zero(b):
     b.wait(lambda: len(b.poses) > 5, b.move)
     tip = b.node._tip
     tip.tare()
@@ -398,10 +369,3 @@ def test_another_frame_of_the_forces_needs_another_zero(b: Bench) -> None:
     assert tip.zero is not None
     b.node._turned(b'', True)
     assert tip.zero is None
-
-
-def test_two_publishers_of_joint_states_are_said(bench: Callable[..., Bench]) -> None:
-    b = bench()
-    other = b.robot.create_publisher(JointState, '/joint_states', 10)
-    b.wait(b.says('2 publishers', WARN), b.move)
-    assert other.topic_name == '/joint_states'

@@ -93,7 +93,7 @@ def groups(message: MarkerArray) -> dict[str, int]:
     return {name: names.count(name) for name in dict.fromkeys(names)}
 
 
-def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide: Streams) -> None:
+def test_a_slide_is_traced_while_it_is_played(bench, slide):
     b = bench()
     b.play(slide, lambda: any(message.poses for message in b.paths))
     b.wait(lambda: len(b.paths) and np.hypot(*(places(b.paths[-1])[[0, -1]].T @ [1, -1])) < 1e-9)
@@ -120,7 +120,7 @@ def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide
     assert 'outlines' not in groups(b.markers[-1])
 
 
-def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Streams) -> None:
+def test_what_cannot_be_traced_is_said(bench, slide):
     b = bench()
     b.wait(b.says('/joint_states: no messages', WARN))
     assert not b.call('/contour_tracker/tare').success
@@ -143,9 +143,7 @@ def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Strea
     assert b.value('zero of the force [N]') != 'not known'
 
 
-def test_results_of_the_calibrator_begin_new_outlines(
-    bench: Callable[..., Bench], arm: CalibratedArm, slide: Streams
-) -> None:
+def test_results_of_the_calibrator_begin_new_outlines(bench, arm, slide):
     b = bench(calibration='')
     b.wait(b.says('no calibration yet', ERROR))
     assert not b.call('/contour_tracker/clear').success

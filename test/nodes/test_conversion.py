@@ -31,7 +31,7 @@ def joints(names: list[str], position: list[float], frame: str = '') -> bytes:
 
 
 @pytest.mark.parametrize('frame', ['', 'b', 'base', 'tool0', 'länger als sonst'])
-def test_a_wrench(frame: str) -> None:
+def test_a_wrench(frame):
     message = conversion.wrench((STAMP, 1.5, -2.5), frame)
     assert wrench_sample(bytes(serialize_message(message))) == Sample(STAMP, 1.5, -2.5)
     assert frame_of(bytes(serialize_message(message))) == frame
@@ -46,7 +46,7 @@ def test_a_wrench(frame: str) -> None:
         (['a', 'bc', 'joint1', 'defgh', 'joint2'], [1.0, 2.0, 0.25, 3.0, -0.5]),
     ],
 )
-def test_joint_angles_by_name(frame: str, names: list[str], position: list[float]) -> None:
+def test_joint_angles_by_name(frame, names, position):
     assert JointReader(NAMES).sample(joints(names, position, frame)) == Sample(STAMP, 0.25, -0.5)
 
 
@@ -60,12 +60,12 @@ def test_joint_angles_by_name(frame: str, names: list[str], position: list[float
         (['joint1', 'joint2'], [1.7e308, 2.0], 'expected plausible numbers'),
     ],
 )
-def test_joint_states_that_cannot_be_used(names: list[str], position: list[float], said: str) -> None:
+def test_joint_states_that_cannot_be_used(names, position, said):
     with pytest.raises(UnusableMessageError, match=said):
         JointReader(NAMES).sample(joints(names, position))
 
 
-def test_a_message_that_is_cut_off() -> None:
+def test_a_message_that_is_cut_off():
     whole = joints(['joint1', 'joint2'], [0.25, -0.5])
     needed = len(whole) - 4 - 4 - 2 * 8 - 8
     for length in range(4, needed):
@@ -79,14 +79,14 @@ def test_a_message_that_is_cut_off() -> None:
         JointReader(NAMES).sample(b'\0\1\0\0' + b'\xff' * 60)
 
 
-def test_times_before_1970() -> None:
+def test_times_before_1970():
     message = JointState(name=list(NAMES), position=[1.0, 2.0])
     message.header.stamp.sec, message.header.stamp.nanosec = -1, 5
     sample = JointReader(NAMES).sample(bytes(serialize_message(message)))
     assert sample == Sample(-999_999_995, 1.0, 2.0)
 
 
-def test_other_joints_are_found_by_name() -> None:
+def test_other_joints_are_found_by_name():
     message = joints([*NAMES, 'wrist'], [0.25, -0.5, 0.3])
     sample = JointReader(NAMES, ('lift', 'wrist')).sample(message)
     assert sample is not None
@@ -99,7 +99,7 @@ PLANE = Plane('world', (0.1, 0.2, 0.3), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize('place', [(0.3, -0.2, 2.5), (0.0, 0.4, -1.0)])
-def test_poses_and_markers_are_in_the_frame_of_the_robot(place: tuple[float, float, float]) -> None:
+def test_poses_and_markers_are_in_the_frame_of_the_robot(place):
     message = conversion.pose_stamped(STAMP, PLANE, place)
     at, turn = message.pose.position, message.pose.orientation
     assert message.header.frame_id == 'world'
@@ -127,7 +127,7 @@ def test_poses_and_markers_are_in_the_frame_of_the_robot(place: tuple[float, flo
     assert dot.header.frame_id == line.header.frame_id == 'world'
 
 
-def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot() -> None:
+def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot():
     covariance, pose = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]]), (0.3, -0.2, 2.5)
     message = deserialize_message(conversion.pose_bytes(STAMP, PLANE, pose, covariance), PoseWithCovarianceStamped)
     assert message.pose.pose == conversion.pose_stamped(STAMP, PLANE, pose).pose
@@ -138,6 +138,6 @@ def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot() -> None:
     assert np.linalg.matrix_rank(found, tol=1e-9) == 3
 
 
-def test_a_force_in_the_frame_of_the_robot_has_its_part_in_the_plane() -> None:
+def test_a_force_in_the_frame_of_the_robot_has_its_part_in_the_plane():
     force = Vector3(x=3.0, y=4.0, z=2.0)
     assert conversion.planar(force, PLANE, is_place=False) == pytest.approx((5.0, 2.0), abs=1e-14)

@@ -36,7 +36,7 @@ def wrench(frame_id: str) -> bytes:
     return bytes(serialize_message(conversion.wrench((0, 1.0, 2.0), frame_id)))
 
 
-def test_what_is_new_is_passed_on_once() -> None:
+def test_what_is_new_is_passed_on_once():
     passed: list[bool] = []
     said: list[str] = []
     check = make_check(said, lambda _, anew: passed.append(anew))
@@ -52,7 +52,7 @@ def test_what_is_new_is_passed_on_once() -> None:
     assert 'turned by 45 degrees from sensor into base_link' in check.description()
 
 
-def test_bytes_that_are_no_transforms_are_said() -> None:
+def test_bytes_that_are_no_transforms_are_said():
     said: list[str] = []
     check = make_check(said, lambda *_: None)
     check.note(b'\0\1\0\0\1\0\0\0')
@@ -66,7 +66,7 @@ def collector(bench: Callable[..., Any], cell_in: Callable[..., Path], tmp_path:
 
 
 @pytest.mark.parametrize('late', [False, True], ids=['before', 'while recording'])
-def test_live_touches_are_those_of_the_recording(late: bool, collector: Collector) -> None:
+def test_live_touches_are_those_of_the_recording(late, collector):
     session, tree = collector._session, collector._streams
     played = simulate_streams(TOOL_CELL, PAPER_ACTUAL, default_plan(TOOL_CELL).select(np.arange(12)), seed=3)
     for number, item in enumerate(mounted_messages(played)):

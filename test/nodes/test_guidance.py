@@ -80,7 +80,7 @@ def hand(bench: Callable[..., Any], cell_in: Callable[..., Any]) -> Callable[[Ce
     return make
 
 
-def test_a_hand_is_guided_until_the_tolerance_is_reached(hand: Callable[[Cell], Hand]) -> None:
+def test_a_hand_is_guided_until_the_tolerance_is_reached(hand):
     h = hand(CELL)
     h.wait(lambda: h.poses and h.states)
     falling = [float(h.values['tip_uncertainty_m'])]
@@ -117,7 +117,7 @@ def test_a_hand_is_guided_until_the_tolerance_is_reached(hand: Callable[[Cell], 
     assert float(h.values['tip_uncertainty_m']) == pytest.approx(outcome.tip_uncertainty.worst, rel=0.5)
 
 
-def test_a_cell_in_which_nothing_can_be_touched_is_said(hand: Callable[[Cell], Hand]) -> None:
+def test_a_cell_in_which_nothing_can_be_touched_is_said(hand):
     h = hand(replace(CELL, limits=((-2.6, -2.5), (-2.6, 2.6))))
     h.wait(lambda: h.states)
     assert h.states[-1].level == WARN
@@ -125,7 +125,7 @@ def test_a_cell_in_which_nothing_can_be_touched_is_said(hand: Callable[[Cell], H
     assert not h.poses
 
 
-def test_no_guidance_without_limits(hand: Callable[[Cell], Hand]) -> None:
+def test_no_guidance_without_limits(hand):
     h = hand(PAPER_CELL)
     h.wait(lambda: len(h.statuses) > 1)
     assert h.value('next touch') == 'none: a cell with limits is needed'

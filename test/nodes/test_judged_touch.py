@@ -22,7 +22,7 @@ def values(message: DiagnosticArray) -> dict[str, str]:
     return {item.key: item.value for item in status.values}
 
 
-def test_accepted_rejected_and_discarded_touches_say_so() -> None:
+def test_accepted_rejected_and_discarded_touches_say_so():
     plan = default_plan(PAPER_CELL).select(np.arange(4))
     streams = simulate_streams(PAPER_CELL, PAPER_MEASURED, plan, seed=1)
     detection = find_touches(streams, PAPER_CELL)
@@ -49,7 +49,7 @@ def test_accepted_rejected_and_discarded_touches_say_so() -> None:
     assert values(discarded)['object'] == last.object
 
 
-def test_a_contact_without_a_hold_has_no_numbers() -> None:
+def test_a_contact_without_a_hold_has_no_numbers():
     episode = Episode(0, (1.0, 2.0), (1.0, 2.0), 'held for 0.05 s')
     (touch,) = judged_touches(Detection(no_touches(), episodes=(episode,), start=10**9), PAPER_CELL)
     told = values(touch.message('/collector', 'r', 'base'))

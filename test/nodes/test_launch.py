@@ -88,7 +88,7 @@ def parameters(node: dict[str, Any]) -> dict[str, Any]:
     return dict(node['parameters'][-1])
 
 
-def test_everything_starts_by_default(launched: Launched) -> None:
+def test_everything_starts_by_default(launched):
     nodes = launched.nodes()
     assert list(nodes) == ALL
     assert [node['executable'] for node in nodes.values()] == ALL
@@ -106,7 +106,7 @@ def test_everything_starts_by_default(launched: Launched) -> None:
     ({'show': 'false', 'watch': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'monitor']),
     ({'show': 'false', 'run': 'true', 'cell': CELL}, [*ALL[:3], 'touch_runner']),
 ])  # fmt: skip
-def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expected: list[str]) -> None:
+def test_parts_are_left_out(launched, arguments, expected):
     assert list(launched.nodes(**arguments)) == expected
 
 
@@ -118,15 +118,13 @@ def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expec
     ({'run': 'true'}, 'run:=true needs the cell description'),
     ({'cell': '/no/cell.yaml'}, '^/no/cell.yaml: there is no such file; check the path$'),
 ])  # fmt: skip
-def test_arguments_that_contradict_each_other_are_refused(
-    launched: Launched, arguments: dict[str, str], problem: str
-) -> None:
+def test_arguments_that_contradict_each_other_are_refused(launched, arguments, problem):
     with pytest.raises(RuntimeError, match=problem) as error:
         launched.actions(**arguments)
     assert '\n' not in str(error.value)
 
 
-def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched: Launched) -> None:
+def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched):
     launched.installed |= {'robot_state_publisher', 'rviz2'}
     nodes = launched.nodes(namespace='/left', rviz='true', compensate='true')
     assert list(nodes) == [*ALL[:3], 'compensator', ALL[3], 'robot_state_publisher', 'rviz2']
@@ -138,7 +136,9 @@ def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched: Launched)
     assert nodes['rviz2']['arguments'][-2:] == ['-f', 'left/base_link']
 
 
-def test_the_frames_are_those_of_the_nominal_arm(launched: Launched) -> None:
+def test_the_frames_are_those_of_the_nominal_arm(launched):
+    (said,) = (item.given['msg'] for item in launched.actions() if 'msg' in item.given)
+    assert said == 'robot_state_publisher is not installed: markers are shown, frames are not'
     launched.installed.add('robot_state_publisher')
     node = launched.nodes()['robot_state_publisher']
     urdf = parameters(node)['robot_description'].args[0]
@@ -147,12 +147,7 @@ def test_the_frames_are_those_of_the_nominal_arm(launched: Launched) -> None:
     assert 'robot_state_publisher' not in launched.nodes(frames='false')
 
 
-def test_a_missing_robot_state_publisher_is_said(launched: Launched) -> None:
-    (said,) = (item.given['msg'] for item in launched.actions() if 'msg' in item.given)
-    assert said == 'robot_state_publisher is not installed: markers are shown, frames are not'
-
-
-def test_time_log_level_and_an_earlier_result(launched: Launched) -> None:
+def test_time_log_level_and_an_earlier_result(launched):
     nodes = launched.nodes(use_sim_time='true', log_level='debug', preload='calibration.yaml', output='out')
     for name, node in nodes.items():
         assert parameters(node)['use_sim_time'].args[0].args == ('use_sim_time',)
@@ -162,7 +157,7 @@ def test_time_log_level_and_an_earlier_result(launched: Launched) -> None:
     assert 'output' in parameters(nodes['calibrator']) and 'recording' not in parameters(nodes['calibrator'])
 
 
-def test_arguments_that_are_not_given_leave_the_parameter_file(launched: Launched) -> None:
+def test_arguments_that_are_not_given_leave_the_parameter_file(launched):
     switches = {'compensate': 'true', 'track': 'true', 'watch': 'true'}
     for name, node in launched.nodes(params='own.yaml', **switches).items():
         assert node['parameters'][1:] == ['own.yaml'], name
@@ -172,7 +167,7 @@ def test_arguments_that_are_not_given_leave_the_parameter_file(launched: Launche
     assert parameters(given['calibrator']) == {'restore': True}
 
 
-def test_an_earlier_result_is_that_of_all_nodes(launched: Launched, tmp_path: Path) -> None:
+def test_an_earlier_result_is_that_of_all_nodes(launched, tmp_path):
     switches = {'compensate': 'true', 'track': 'true', 'watch': 'true'}
     preload = tmp_path / 'calibration.yaml'
     with pytest.raises(RuntimeError, match=r'calibration\.json: there is no such file beside'):
@@ -183,7 +178,7 @@ def test_an_earlier_result_is_that_of_all_nodes(launched: Launched, tmp_path: Pa
         assert parameters(nodes[name]) == {'calibration': str(tmp_path / 'calibration.json')}
 
 
-def test_the_end_of_a_display_ends_nothing_else(launched: Launched) -> None:
+def test_the_end_of_a_display_ends_nothing_else(launched):
     nodes = launched.nodes()
     assert nodes['visualizer']['on_exit'] is None and nodes['calibrator']['on_exit'] is not None
 
@@ -192,7 +187,7 @@ def test_the_end_of_a_display_ends_nothing_else(launched: Launched) -> None:
     ('false', 1, True), ('false', 2, True), ('true', 1, False), ('true', -9, False), ('true', 2, True),
     ('true', 0, True),
 ])  # fmt: skip
-def test_the_end_of_a_node(launched: Launched, respawn: str, status: int, ends: bool) -> None:
+def test_the_end_of_a_node(launched, respawn, status, ends):
     """It ends the nodes of its cell, once, unless the node is started again."""
     started = [item for item in launched.actions(respawn=respawn) if 'name' in item.given]
     (node,) = (item.given for item in started if item.given['name'] == 'collector')
@@ -210,7 +205,7 @@ def test_the_end_of_a_node(launched: Launched, respawn: str, status: int, ends: 
         assert node['on_exit'](event, SimpleNamespace(is_shutdown=False)) is None
 
 
-def test_two_cells_share_nothing(launched: Launched) -> None:
+def test_two_cells_share_nothing(launched):
     file = runpy.run_path(str(LAUNCH / 'two_cells.launch.py'))
     (entities,) = file['generate_launch_description']().args
     groups = [item for item in entities if item.given.get('scoped')]
@@ -222,7 +217,7 @@ def test_two_cells_share_nothing(launched: Launched) -> None:
     assert all(cell.keys() <= launched.defaults.keys() for cell in cells)
 
 
-def test_the_runner_on_ros2_control(launched: Launched) -> None:
+def test_the_runner_on_ros2_control(launched):
     """By messages or by goals; all that it is given are parameters of the node, of their types."""
     file = runpy.run_path(str(LAUNCH / 'ros2_control.launch.py'))
     (entities,) = file['generate_launch_description']().args

@@ -67,9 +67,7 @@ def feed(node: Node, touches: TouchSet, recording: str, **changes: Any) -> None:
         node._note_touch(message)
 
 
-def test_a_change_is_raised_and_reset(
-    watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_is_raised_and_reset(watching, calibration, monkeypatch):
     node = watching(calibration=calibration)
     feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')
     condition = node._report()
@@ -102,9 +100,7 @@ def test_a_change_is_raised_and_reset(
     assert node._report().values['touches'] == '0'
 
 
-def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(
-    watching: Callable[..., Node], calibration: Path
-) -> None:
+def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(watching, calibration):
     node = watching(calibration=calibration)
     touches = touches_of(CELL, 1, world=None).select(np.arange(4))
     for number, message in enumerate(messages(touches, '/data/bags/seen'), 38):
@@ -120,31 +116,21 @@ def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(
     assert not was_seen('/data/other/seen', '0', node._monitor.record)
 
 
-def test_the_direction_of_approach_is_taken_over(calibration: Path) -> None:
+def test_the_direction_of_approach_is_taken_over(calibration):
     (message,) = messages(touches_of(CELL, 1, world=None).select([0]), '/a', approach=(0.1, -0.2, 0.01, -0.02))
     values = {item.key: item.value for item in message.status[0].values}
     touch = touch_of(values, CalibrationRecord.load(calibration).arm)
     assert touch.approach.tolist() == [[0.1, -0.2]] and touch.press.tolist() == [[0.01, -0.02]]
 
 
-def test_what_the_topic_does_not_say_is_assumed_and_said(watching: Callable[..., Node], tmp_path: Path) -> None:
+def test_what_the_topic_does_not_say_is_assumed_and_said(watching, tmp_path):
     touches = touches_of(CELL, 0, effects=('thermal_drift:rate=1e-6',), world=None)
     (tmp_path / 'c.json').write_text(json_text(as_document(calibrate_touches(touches, CELL))))
     node = watching(calibration=tmp_path / 'c.json')
     assert node._report().level == WARN and 'as at the end of the calibration' in node._report().message
 
 
-def test_bad_touches_are_said_and_survived(watching: Callable[..., Node], calibration: Path) -> None:
-    node = watching(calibration=calibration)
-    touch = touches_of(CELL, 1, world=None).select([0])
-    for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}, {'joints': (1e308, 0.0)}):
-        feed(node, touch, '/a', **change)
-        assert node._report().level == WARN, change
-    feed(node, touch, '/a')
-    assert node._report().level == OK
-
-
-def test_only_newer_results_are_taken(watching: Callable[..., Node], calibration: Path, tmp_path: Path) -> None:
+def test_only_newer_results_are_taken(watching, calibration, tmp_path):
     node = watching(calibration=calibration)
     feed(node, touches_of(CELL, 1, world=None).select([0, 1]), '/a')
     for created, count in (('2000-01-01T00:00:00Z', 2), (node._monitor.record.created, 2), ('2100-01-01T00:00:00Z', 0)):
@@ -158,11 +144,13 @@ def test_only_newer_results_are_taken(watching: Callable[..., Node], calibration
     assert node.get_subscriptions_info_by_topic('/calibrator/result')
 
 
-def test_a_touch_without_a_number_or_a_failing_update_is_survived(
-    watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_touches_and_a_failing_update_are_said_and_survived(watching, calibration, monkeypatch):
     node = watching(calibration=calibration)
-    (message,) = messages(touches_of(CELL, 1, world=None).select([0]), '/a')
+    touch = touches_of(CELL, 1, world=None).select([0])
+    for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}, {'joints': (1e308, 0.0)}):
+        feed(node, touch, '/b', **change)
+        assert node._report().level == WARN, change
+    (message,) = messages(touch, '/a')
     next(item for item in message.status[0].values if item.key == 'touch').value = 'x'
     node._note_touch(message)
     assert node._report().level == WARN and 'touch x cannot be evaluated' in node._report().message
@@ -172,22 +160,13 @@ def test_a_touch_without_a_number_or_a_failing_update_is_survived(
 
     with monkeypatch.context() as patch:
         patch.setattr(DriftMonitor, '_evaluate', fail)
-        feed(node, touches_of(CELL, 1, world=None).select([0]), '/a')
+        feed(node, touch, '/a')
     assert node._report().level == WARN and node._monitor.count == 0
-    feed(node, touches_of(CELL, 1, world=None).select([0]), '/a')
+    feed(node, touch, '/a')
     assert node._report().level == OK and node._report().message == '1 touch agrees with the calibration'
 
 
-def test_what_is_not_watched_is_said(spin: Callable[..., Node], calibration: Path, tmp_path: Path) -> None:
-    document = json.loads(calibration.read_text())
-    document['assessment']['grade'] = 'unfit'
-    (tmp_path / 'unfit.json').write_text(json.dumps(document))
-    node = spin(Monitor, calibration=tmp_path / 'unfit.json')
-    said = node._report()
-    assert said.level == WARN and 'nobody publishes /collector/touch' in said.message and 'unfit' in said.message
-
-
-def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., Node], calibration: Path) -> None:
+def test_touches_that_are_rejected_one_after_the_other(watching, calibration):
     node = watching(calibration=calibration)
     touches = touches_of(CELL, 1, world=None)
     assert node._report().message == 'no touch yet'
@@ -204,7 +183,7 @@ def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., N
     assert node._report().level == OK
 
 
-def test_the_calibration_of_the_calibrator(watching: Callable[..., Node], calibration: Path) -> None:
+def test_the_calibration_of_the_calibrator(watching, calibration):
     node = watching()
     assert node._report().level == WARN and 'no calibration yet' in node._report().message
     with pytest.raises(RefusedError, match='no calibration yet'):
@@ -221,6 +200,15 @@ def test_the_calibration_of_the_calibrator(watching: Callable[..., Node], calibr
     assert node._report().level == WARN and 'not taken' in node._report().message
 
 
-def test_a_wrong_file_ends_the_start(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_what_is_not_watched_is_said(spin, calibration, tmp_path):
+    document = json.loads(calibration.read_text())
+    document['assessment']['grade'] = 'unfit'
+    (tmp_path / 'unfit.json').write_text(json.dumps(document))
+    node = spin(Monitor, calibration=tmp_path / 'unfit.json')
+    said = node._report()
+    assert said.level == WARN and 'nobody publishes /collector/touch' in said.message and 'unfit' in said.message
+
+
+def test_a_wrong_file_ends_the_start(spin, tmp_path):
     with pytest.raises(InputError):
         spin(Monitor, calibration=tmp_path / 'none.json')

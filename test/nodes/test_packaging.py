@@ -27,7 +27,7 @@ def setup_field(field: str) -> str:
     return value or NAME
 
 
-def test_name_version_and_licence_agree() -> None:
+def test_name_version_and_licence_agree():
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     manifest = {field: package.findtext(field) for field in ('name', 'version', 'license')}
     assert manifest == {field: setup_field(field) for field in ('name', 'version', 'license')}
@@ -39,7 +39,7 @@ def test_name_version_and_licence_agree() -> None:
     assert re.fullmatch(r'[-a-zA-Z0-9_%+]+(\.[-a-zA-Z0-9_%+]+)*@[-a-zA-Z0-9%]+(\.[-a-zA-Z0-9%]+)*\.[a-zA-Z]{2,}', email)
 
 
-def test_no_dependency_is_installed_by_pip() -> None:
+def test_no_dependency_is_installed_by_pip():
     """The ROS build farm takes no such keys; the packages are named where their absence is noticed."""
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     keys = {str(item.text) for item in package if item.tag.endswith('depend')}
@@ -48,19 +48,26 @@ def test_no_dependency_is_installed_by_pip() -> None:
     assert f'pip install --user --break-system-packages {" ".join(PYPI)}' in page
 
 
-def test_pip_builds_a_wheel_whatever_its_version() -> None:
+def test_pip_builds_a_wheel_whatever_its_version():
     """`setup.py install`, of pip before 23.1, would put the command where setup.cfg has the executables of ROS 2."""
     assert 'build-backend = "setuptools.build_meta"' in (ROOT / 'pyproject.toml').read_text().splitlines()
 
 
-def test_a_missing_package_is_named(tmp_path: Path) -> None:
+def test_a_missing_package_is_named(tmp_path):
     code = f'import sys; sys.path.insert(0, {str(ROOT)!r}); sys.modules["mcap"] = None; import scara_kinetostatic.bags'
     ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=tmp_path)
     assert ended.returncode == 1
     assert ended.stderr.splitlines()[-1] == 'ImportError: not installed: mcap; get it from PyPI: pip install mcap'
 
 
-def test_every_executable_exists() -> None:
+def test_configurations_are_installed():
+    setup = (ROOT / 'setup.py').read_text()
+    assert "files('config/sros2', '*.xml')" in setup
+    assert "('yaml', 'rviz', 'json', 'csv')" in setup
+    assert 'recursive-include config *.yaml *.xml *.rviz *.json' in (ROOT / 'MANIFEST.in').read_text()
+
+
+def test_every_executable_exists():
     scripts = re.findall(r"f'([\w-]+) = \{NAME\}\.([\w.]+):(\w+)'", (ROOT / 'setup.py').read_text())
     assert [script for script, _, _ in scripts] == [
         'scara-kinetostatic',
@@ -77,7 +84,7 @@ def test_every_executable_exists() -> None:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))
 
 
-def test_the_example_cell_is_the_cell_that_the_nodes_take_by_themselves_made_ready_for_planning() -> None:
+def test_the_example_cell_is_the_cell_that_the_nodes_take_by_themselves_made_ready_for_planning():
     cell = load_cell(ROOT / 'config' / 'cell.yaml')
     assert replace(cell, limits=None, lift=None, region=Region()) == PAPER_CELL
     assert None not in (cell.limits, cell.lift)

@@ -13,13 +13,12 @@ import yaml
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
-from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.demo import free_domain
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 
 
-def test_nodes_end_well_on_a_signal(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> None:
+def test_nodes_end_well_on_a_signal(processes, client, tmp_path):
     processes.start('calibrator', {})
     processes.start('collector', {'autostart': True, 'output': tmp_path / 'bags'})
     processes.start('contact_simulator', {'wait_for_subscribers': 1, 'time_factor': 20.0})
@@ -40,7 +39,7 @@ def test_nodes_end_well_on_a_signal(processes: NodeProcesses, client: DemoClient
     assert set(stated['relative_file_paths']) == files
 
 
-def test_signals_until_the_very_end_do_no_harm(processes: NodeProcesses, client: DemoClient) -> None:
+def test_signals_until_the_very_end_do_no_harm(processes, client):
     name = 'calibrator'
     processes.start(name, {})
     client.wait('the node', lambda: name in client._node.get_node_names(), WAIT)
@@ -68,7 +67,7 @@ START = 'import sys; from scara_kinetostatic.nodes import executables; sys.exit(
 
 
 @pytest.mark.parametrize(('name', 'number'), [('contact_simulator', signal.SIGINT), ('compensator', signal.SIGTERM)])
-def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name: str, number: signal.Signals) -> None:
+def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name, number):
     code = INTERRUPTED.format(number=int(number), module='rclpy') + START.format(name=name)
     ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=WAIT)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
@@ -81,7 +80,7 @@ def _handles_sigterm(pid: int) -> bool:
     return bool(caught >> (signal.SIGTERM - 1) & 1)
 
 
-def test_a_wrong_cell_is_one_line_and_status_2(tmp_path: Path) -> None:
+def test_a_wrong_cell_is_one_line_and_status_2(tmp_path):
     wrong = tmp_path / 'cell.yaml'
     wrong.write_text('robot: {}')
     ended = subprocess.run(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -79,7 +78,7 @@ def _resolved(name: str, node: str, namespace: str) -> str:
 
 
 @pytest.mark.parametrize('name', KINDS)
-def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], name: str) -> None:
+def test_a_node_may_do_what_it_does_and_nothing_else(spin, name):
     enclave = f'/scara_kinetostatic/left/{name}'
     node = spin(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True)
     assert (name, '/left', enclave) in node.get_node_names_and_namespaces_with_enclaves()
@@ -94,7 +93,7 @@ def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], 
     assert f'<enclave path="{enclave}">' in policy_text('nodes.policy.xml', '/left')
 
 
-def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it() -> None:
+def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it():
     policy = ElementTree.parse(POLICIES / 'nodes.policy.xml').getroot()
     enclaves = {enclave.attrib['path']: enclave for enclave in policy.iterfind('enclaves/enclave')}
     assert set(enclaves) == {f'/scara_kinetostatic/{name}' for name in KINDS}
@@ -104,7 +103,7 @@ def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it() -> 
 
 
 @pytest.mark.parametrize('namespace', ['', '/left'])
-def test_the_operator_may_call_and_hear_what_there_is(namespace: str) -> None:
+def test_the_operator_may_call_and_hear_what_there_is(namespace):
     nodes = [allowed('nodes.policy.xml', name, namespace) for name in KINDS]
     operator = allowed('operator.policy.xml', '_ros2cli', namespace)
     assert operator['services', 'request'] == set().union(*(node['services', 'reply'] for node in nodes))
@@ -112,9 +111,3 @@ def test_the_operator_may_call_and_hear_what_there_is(namespace: str) -> None:
     wanted = {f'{namespace}/compensator/{name}' for name in ('compensate', 'target_pose', 'target_wrench')}
     assert operator['topics', 'publish'] == {'/parameter_events', '/rosout', *wanted}
     assert all(name.startswith('/_ros2cli*/') for name in operator['services', 'reply'])
-
-
-def test_policies_are_installed() -> None:
-    setup = (ROOT / 'setup.py').read_text()
-    assert "files('config/sros2', '*.xml')" in setup
-    assert 'recursive-include config *.yaml *.xml *.rviz *.json' in (ROOT / 'MANIFEST.in').read_text()

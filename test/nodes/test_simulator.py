@@ -1,12 +1,8 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.node import Node
 
 from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import CellError, ParameterError
@@ -31,7 +27,7 @@ STREAMS = Streams(
 )
 
 
-def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
+def test_playback_hands_out_both_streams_in_the_order_of_time():
     playback = Playback(STREAMS, start=100)
     early = list(playback.advance(0.012))
     assert early == [(False, (100, 0.0, 1.0)), (True, (5_000_100, 6.0, 7.0)), (False, (10_000_100, 2.0, 3.0))]
@@ -43,11 +39,12 @@ def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
     assert playback.end == 20_000_100
 
 
-def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> None:
+def test_parameters_have_descriptions_and_ranges(spin):
     simulator = spin(ContactSimulator, wait_for_subscribers=1)
     own = [name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')]
     descriptors: list[ParameterDescriptor] = simulator.describe_parameters(own)
     assert len(own) >= 25
+    assert simulator._truth.effects == ()
     for descriptor in descriptors:
         assert descriptor.description, descriptor.name
         if descriptor.type in (2, 3):
@@ -59,7 +56,7 @@ def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> N
     )
 
 
-def test_stated_defaults_and_ranges_are_those_of_what_they_set() -> None:
+def test_stated_defaults_and_ranges_are_those_of_what_they_set():
     stated, usual, drives = PARAMETERS['contact_simulator'], SensorModel(), PlantSettings()
     expected = {
         'noise.joint_sample': usual.joint_noise,
@@ -83,25 +80,21 @@ def test_stated_defaults_and_ranges_are_those_of_what_they_set() -> None:
     assert PARAMETERS['touch_runner']['max_touches']['range'][0] == FIRST
 
 
-def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper() -> None:
+def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper():
     longer = PAPER_NOMINAL.replace(l1=0.5)
     assert deviating_robot(PAPER_NOMINAL) == PAPER_ACTUAL
     assert deviating_robot(longer).l1 == pytest.approx(0.5002)
     assert deviating_robot(longer).x0 == pytest.approx(PAPER_ACTUAL.x0)
 
 
-def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node]) -> None:
-    simulator = spin(ContactSimulator, frame='tool', sign='on_robot')
+def test_frame_and_sign_can_be_other_than_the_cell_says_and_every_other_touch_pressed_beyond_its_hold(spin):
+    simulator = spin(ContactSimulator, frame='tool', sign='on_robot', preload=0.3)
+    assert np.mean(simulator._plan.preload == 0.3) == 0.5
     assert simulator._cell.sensor.frame is SensorFrame.TOOL
     assert simulator._cell.sensor.sign is SensorSign.ON_ROBOT
 
 
-def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., Node]) -> None:
-    simulator = spin(ContactSimulator, preload=0.3)
-    assert np.mean(simulator._plan.preload == 0.3) == 0.5
-
-
-def test_effects_are_played(spin: Callable[..., Node]) -> None:
+def test_effects_are_played(spin):
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
     node = spin(ContactSimulator, '-p', f'effects:={texts}')
     assert [effect.label for effect in node._truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
@@ -109,12 +102,7 @@ def test_effects_are_played(spin: Callable[..., Node]) -> None:
     assert node._truth.parameters == PAPER_ACTUAL
 
 
-def test_by_default_there_are_no_effects(spin: Callable[..., Node]) -> None:
-    node = spin(ContactSimulator)
-    assert node._truth.effects == ()
-
-
-def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_a_plan_says_all_about_the_touches(spin, tmp_path):
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
     with pytest.raises(ParameterError, match='parameter preload: a plan defines all touches'):
@@ -126,10 +114,7 @@ def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: 
     [
         ('sign:=backwards', ParameterError, 'parameter sign: expected on_object or on_robot'),
         ('time_factor:=2', ParameterError, 'parameter time_factor: expected a number with a decimal point'),
-        ('time_factor:=0.0', ParameterError, 'parameter time_factor'),
         ('truth.l1:=.nan', ParameterError, 'parameter truth.l1'),
-        ('joint_rate:=1.0e+9', ParameterError, 'parameter joint_rate'),
-        ('preload:=-0.1', ParameterError, 'parameter preload'),
         ('preload:=30.0', ParameterError, 'parameter preload'),
         ("effects:=['gravity:g=9.81']", ParameterError, "effect 'gravity': no such effect"),
         ("effects:=['sensor_bias:x=1']", ParameterError, 'expected x, y once each'),
@@ -137,14 +122,12 @@ def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: 
         ('cell:=/no/such/cell.yaml', CellError, '/no/such/cell.yaml'),
     ],
 )
-def test_senseless_parameters_are_refused(
-    spin: Callable[..., Node], argument: str, error: type[Exception], message: str
-) -> None:
+def test_senseless_parameters_are_refused(spin, argument, error, message):
     with pytest.raises(error, match=message):
         spin(ContactSimulator, '-p', argument)
 
 
-def test_a_plan_of_slides(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_a_plan_of_slides(spin, tmp_path):
     plan = tmp_path / 'slides.yaml'
     plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, speed: 0.05}\n')
     node = spin(ContactSimulator, plan=plan, wait_for_subscribers=1)

@@ -58,7 +58,7 @@ def classes(part: Any) -> Iterator[str]:
             yield from classes(inner)
 
 
-def test_rviz(published: dict[str, str]) -> None:
+def test_rviz(published):
     view = yaml.safe_load((CONFIG / 'cell.rviz').read_text())
     assert set(view) == {'Panels', 'Visualization Manager', 'Window Geometry'}
     manager = view['Visualization Manager']
@@ -92,7 +92,7 @@ def field(kind: str, path: list[str]) -> str:
     return field(inner.replace('/', '/msg/'), path[1:]) if path[1:] else str(inner)
 
 
-def test_foxglove(published: dict[str, str]) -> None:
+def test_foxglove(published):
     view = json.loads((CONFIG / 'foxglove.json').read_text())
     assert set(view) == {'configById', 'globalVariables', 'userNodes', 'playbackConfig', 'layout'}
     shown = panels(view['layout'])
@@ -113,7 +113,7 @@ def test_foxglove(published: dict[str, str]) -> None:
     assert view['configById']['DiagnosticSummary!diagnostics']['topicToRender'] == '/diagnostics'
 
 
-def test_foxglove_in_a_namespace(tmp_path: Path) -> None:
+def test_foxglove_in_a_namespace(tmp_path):
     """The command on the page puts the namespace before all names but /diagnostics, which all cells share."""
     page = (CONFIG.parent / 'docs/how_to/ros_cell.md').read_text(encoding='utf-8')
     (edit,) = re.findall(r"^sed -E '(.*)' config/foxglove.json > left.json$", page, re.MULTILINE)
@@ -125,13 +125,8 @@ def test_foxglove_in_a_namespace(tmp_path: Path) -> None:
     assert json.loads(text)['configById']['3D!cell']['followTf'] == 'left/base_link'
 
 
-def test_the_groups_are_those_of_the_markers() -> None:
+def test_the_groups_are_those_of_the_markers():
     folder = CONFIG.parent / 'scara_kinetostatic'
     source = ''.join((folder / name).read_text() for name in ('report/markers.py', 'contour/online.py'))
     for group in set().union(*GROUPS.values()) - {'nominal', 'calibrated'}:
         assert f"'{group}'" in source
-
-
-def test_they_are_installed() -> None:
-    assert "('yaml', 'rviz', 'json', 'csv')" in (CONFIG.parent / 'setup.py').read_text()
-    assert '*.rviz *.json' in (CONFIG.parent / 'MANIFEST.in').read_text()

@@ -73,7 +73,7 @@ def cell(bench: Callable[..., Any], cell_file: Path) -> Cell:
     return bench(Visualizer, '-r', '__ns:=/left', on=Cell, cell=cell_file, frame_prefix='left/')
 
 
-def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path) -> None:
+def test_it_shows_touches_arm_and_result(cell, grown, tmp_path):
     cell.touch()
     first, *others = cell.heard['visualizer/markers'].markers
     assert first.action == Marker.DELETEALL
@@ -95,7 +95,7 @@ def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize('name', ['calibrator', 'touch_runner'])
-def test_it_shows_the_next_touch(cell: Cell, name: str) -> None:
+def test_it_shows_the_next_touch(cell, name):
     state = cell.robot.create_publisher(DiagnosticArray, f'{name}/state', LATCHED)
     pose = cell.robot.create_publisher(PoseStamped, f'{name}/next_touch', LATCHED)
     said = 'next: disc_2 at 170°, left, 40 N, it sharpens l2'
@@ -119,9 +119,7 @@ def test_it_shows_the_next_touch(cell: Cell, name: str) -> None:
     (None, 'give the calibration.json that calibrate writes'),
     ('1970-01-01T00:00:00Z', '{folder}/calibration.json: is of another result, 1970-01-01T00:00:00Z; calibrate again'),
 ])  # fmt: skip
-def test_a_result_without_its_file_is_shown_without_residuals(
-    cell: Cell, plain: Any, tmp_path: Path, created: str | None, said: str
-) -> None:
+def test_a_result_without_its_file_is_shown_without_residuals(cell, plain, tmp_path, created, said):
     if created:
         (tmp_path / 'calibration.json').write_text(json_text(as_document(plain) | {'created': created}))
     heard = cell.hear(Log, '/rosout', 10)
@@ -133,7 +131,7 @@ def test_a_result_without_its_file_is_shown_without_residuals(
     cell.wait(lambda: any(item.msg.endswith(said.format(folder=tmp_path)) for item in heard))
 
 
-def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell: Cell, plain: Any) -> None:
+def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell, plain):
     cell.wait(lambda: 'robot_description' in cell.heard)
     before = cell.heard['robot_description'].data
     cell.result(plain, published=False)
@@ -143,7 +141,7 @@ def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell: Ce
     assert cell.heard['robot_description'].data == before
 
 
-def test_forces_are_drawn_anew_when_their_scale_is_set(cell: Cell) -> None:
+def test_forces_are_drawn_anew_when_their_scale_is_set(cell):
     def length() -> float:
         arrows = [item for item in cell.heard['visualizer/markers'].markers if item.ns == 'forces']
         return dist(*((point.x, point.y) for point in arrows[0].points)) if arrows else 0.0
@@ -157,7 +155,7 @@ def test_forces_are_drawn_anew_when_their_scale_is_set(cell: Cell) -> None:
     assert not answer.successful
 
 
-def test_robot_description_and_its_publisher_have_the_calibrated_arm_once_there_is_one(cell: Cell, plain: Any) -> None:
+def test_robot_description_and_its_publisher_have_the_calibrated_arm_once_there_is_one(cell, plain):
     told: list[str] = []
 
     def links() -> list[str]:

@@ -54,14 +54,14 @@ def largest_deviation(outcome: Outcome, name: str) -> float:
 
 
 @ALL
-def test_nothing_declares_the_effect(name: str) -> None:
+def test_nothing_declares_the_effect(name):
     words = 'scene', 'friction', 'spring', truth_of(name)['scene']
     assert declares_nothing(name, *words, largest=700_000)
     assert (cell_of(name).noise is None) == (name == WITHOUT_CELL)
 
 
 @ALL
-def test_all_touches_are_found_and_nearly_all_used(name: str) -> None:
+def test_all_touches_are_found_and_nearly_all_used(name):
     outcome = outcome_of(name)
     assert outcome.found == TOUCHES.get(name, USUAL_TOUCHES)
     assert outcome.final.used.sum() >= outcome.found - 2
@@ -72,7 +72,7 @@ BOTH = [(name, False) for name in NAMED] + [('engine_f', True)]
 """With the noise as given, and estimated."""
 
 
-def test_without_an_effect_nothing_is_found() -> None:
+def test_without_an_effect_nothing_is_found():
     outcome = outcome_of(WITHOUT_EFFECT)
     assert truth_of(WITHOUT_EFFECT)['effects'] == []
     assert outcome.diagnosis.verdict == 'none'
@@ -82,7 +82,7 @@ def test_without_an_effect_nothing_is_found() -> None:
 
 
 @pytest.mark.parametrize(('name', 'estimated'), BOTH)
-def test_the_effect_is_named_and_the_base_parameters_are_right(name: str, estimated: bool) -> None:
+def test_the_effect_is_named_and_the_base_parameters_are_right(name, estimated):
     outcome = outcome_of(name, True) if estimated else outcome_of(name)
     assert outcome.verdict == 'explained'
     assert outcome.diagnosis.p_value < (1e-3 if estimated and name in TOUCHES else 1e-6)
@@ -95,7 +95,7 @@ def test_the_effect_is_named_and_the_base_parameters_are_right(name: str, estima
         assert off_normal.value + 4 * off_normal.std < built_effect(name)[1]['coefficient']
 
 
-def test_the_displaced_disc_is_named_alone_or_beside_rivals() -> None:
+def test_the_displaced_disc_is_named_alone_or_beside_rivals():
     """Another disc displaced the other way and smaller explains these touches, too, at odds that do not rule it out."""
     outcome, label = outcome_of(RIVALS), built_effect(RIVALS)[0]
     assert outcome.diagnosis.p_value < 1e-6
@@ -107,7 +107,7 @@ def test_the_displaced_disc_is_named_alone_or_beside_rivals() -> None:
 
 
 @pytest.mark.parametrize('name', ['engine_c', 'engine_d', 'engine_f', RIVALS])
-def test_its_values_are_those_built_and_touches_not_used_are_predicted(name: str) -> None:
+def test_its_values_are_those_built_and_touches_not_used_are_predicted(name):
     outcome, built = outcome_of(name), built_effect(name)[1]
     for value in found_effect(outcome, name).values:
         assert abs(value.value - built[value.name]) < 4 * value.std

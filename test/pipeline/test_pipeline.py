@@ -42,16 +42,6 @@ def test_streams_of_other_units_or_signs_are_named(tmp_path, count, force, angle
         calibrate_recordings([tmp_path / 'one'], CELL)
 
 
-def test_touches_that_slide_are_not_used(tmp_path):
-    plan = default_plan(CELL).select(np.arange(12))
-    streams = simulate_streams(CELL, PAPER_ACTUAL, plan, seed=3)
-    time = 1e-9 * (streams.joints.stamp - streams.joints.stamp[0])
-    sliding = streams.joints.position + 2e-2 * np.sin(7.0 * time)[:, None]
-    write_streams(tmp_path / 'one', replace(streams, joints=replace(streams.joints, position=sliding)), CELL)
-    with pytest.raises(UnsupportedDataError, match='the tip slides'):
-        calibrate_recordings([tmp_path / 'one'], CELL)
-
-
 def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tmp_path):
     write_streams(tmp_path / 'one', simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL, 6)), CELL)
     detection = gather_touches([tmp_path / 'one'], CELL)
@@ -91,18 +81,18 @@ def touches() -> TouchSet:
 
 
 @pytest.mark.parametrize('factor', [0.1, 10.0])
-def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(touches: TouchSet, factor: float) -> None:
+def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(touches, factor):
     outcome = calibrate_touches(touches, replace(CELL, noise=Noise(1e-5 * factor, 0.3 * factor)))
     assert 'times the stated noise' in outcome.assessment.reasons[0]
     assert outcome.assessment.actions == ('leave the noise out of the cell description to have it estimated',)
 
 
-def test_a_noise_above_every_force_is_named(touches: TouchSet) -> None:
+def test_a_noise_above_every_force_is_named(touches):
     with pytest.raises(UnsupportedDataError, match='its direction is noise of 30 N'):
         calibrate_touches(touches, replace(CELL, noise=Noise(1e-3, 30.0)))
 
 
-def test_limits_that_exclude_all_touches_are_named(touches: TouchSet) -> None:
+def test_limits_that_exclude_all_touches_are_named(touches):
     cell = replace(CELL, limits=((-3.1, -2.9), (1.0, 1.1)))
     message = (
         r'^robot\.limits: they exclude all 72 touches, joint1 from -3.* to 2.*, joint2 from .* rad; correct them: of '
@@ -113,7 +103,7 @@ def test_limits_that_exclude_all_touches_are_named(touches: TouchSet) -> None:
         calibrate_touches(touches, replace(cell, coupling=0.1))
 
 
-def test_limits_that_exclude_nearly_all_touches_are_named(touches: TouchSet) -> None:
+def test_limits_that_exclude_nearly_all_touches_are_named(touches):
     low, *_, seventh, eighth = np.sort(touches.joints[:, 0])[:8].tolist()
     tenth, less = (replace(CELL, limits=((low, high), (-3.1, 3.1))) for high in (eighth, seventh))
     assert len(usable_touches(Detection.of(touches), tenth, ['touches'])) == 72

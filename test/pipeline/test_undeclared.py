@@ -5,8 +5,6 @@ The truth is in `truth/`, which nothing but tests reads.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pipeline.undeclared import ALL, cell_of, declares_nothing, make, outcome_of, path_of, true_robot
@@ -19,7 +17,7 @@ RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])
 
 
 @RECORDINGS
-def test_nothing_declares_the_effect(name: str) -> None:
+def test_nothing_declares_the_effect(name):
     effects = true_robot(name, cell_of(name)).effects
     assert len(effects) == 1
     assert declares_nothing(name, effects[0].name, largest=1_000_000)
@@ -27,7 +25,7 @@ def test_nothing_declares_the_effect(name: str) -> None:
 
 
 @RECORDINGS
-def test_the_base_parameters_are_right_with_the_effect(name: str) -> None:
+def test_the_base_parameters_are_right_with_the_effect(name):
     outcome, truth = outcome_of(name), true_robot(name, cell_of(name)).parameters.as_array()
     assert outcome.found == 108
     assert outcome.calibration.noise_source == ('estimated' if name == 'undeclared_b' else 'given')
@@ -38,7 +36,7 @@ def test_the_base_parameters_are_right_with_the_effect(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_b'])
-def test_the_effect_is_named_with_its_values(name: str) -> None:
+def test_the_effect_is_named_with_its_values(name):
     outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
     (true,), (true_values,) = truth.effects, truth.effect_values
     assert outcome.diagnosis.verdict == 'explained'
@@ -50,7 +48,7 @@ def test_the_effect_is_named_with_its_values(name: str) -> None:
     assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.1)
 
 
-def test_an_effect_outside_the_catalogue_is_unexplained() -> None:
+def test_an_effect_outside_the_catalogue_is_unexplained():
     outcome = outcome_of('undeclared_c')
     assert outcome.diagnosis.verdict == 'unexplained'
     (found,) = outcome.diagnosis.found
@@ -59,7 +57,7 @@ def test_an_effect_outside_the_catalogue_is_unexplained() -> None:
 
 
 @RECORDINGS
-def test_they_are_made_again_from_the_truth(name: str, tmp_path: Path) -> None:
+def test_they_are_made_again_from_the_truth(name, tmp_path):
     again = make(next(one for one in ALL if one.name == name), tmp_path)
     cell = cell_of(name)
     kept, made = read_streams(path_of(name), cell), read_streams(again, cell)

@@ -6,6 +6,7 @@ import re
 from collections import deque
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -45,17 +46,30 @@ TRUTH = Parameters(
 LIFT = Lift('joint3', 0.02, 0.0)
 
 
+PLANNERS: dict[str, Planner] = {}
+
+
+def nominal_planner(cell: Cell) -> Planner:
+    """That of the nominal arm; what it plans first is worked out once for all runs in a cell."""
+    if repr(cell) not in PLANNERS:
+        planner = PLANNERS[repr(cell)] = Planner(nominal_arm(cell))
+        vars(planner)['accurate'] = cache(planner.accurate)
+    return PLANNERS[repr(cell)]
+
+
 def rehearsal(
     cell: Cell = CELL,
     true: Cell | None = None,
-    seed: int = 1,
     most: int = 100,
     patience: float = 0.0,
     resolution: float = COMMANDED_SENSORS.resolution,
+    planner: Planner | None = None,
+    **more: float,
 ) -> Rehearsal:
     sensors = replace(COMMANDED_SENSORS, bias=(1.4, -1.4), resolution=resolution)
-    plant = Plant(cell, ModelBody(true or cell, TRUTH), sensors=sensors, seed=seed)
-    one = Rehearsal(cell, plant, most, patience=patience)
+    plant = Plant(cell, ModelBody(true or cell, TRUTH), sensors=sensors, seed=1)
+    planner = planner or nominal_planner(cell)
+    one = Rehearsal(cell, plant, most, planner=planner, patience=patience, **more)
     one.runner.start()
     return one
 
@@ -74,24 +88,26 @@ def until_phase(one: Rehearsal, phase: str, more: float = 0.2) -> None:
     assert one.runner.status.phase == phase
 
 
-@pytest.mark.parametrize('lift', [None, LIFT], ids=['round', 'lift'])
-def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
-    one = rehearsal(replace(CELL, lift=lift))
+def test_a_run_reaches_its_tolerance():
+    """Enough is said of all touches that were made, though a calibration takes longer than a touch."""
+    one, made = rehearsal(replace(CELL, lift=LIFT, tolerance=2e-4), rate=125.0, calibrating=20.0), list[int]()
+    campaign, touch, work = one.runner.campaign, CELL.touch, one.runner.campaign._work
+    campaign._work = lambda do, cell, touches, *rest: made.append(len(touches)) or work(do, cell, touches, *rest)
     one.run()
-    end, campaign, touch = one.runner.end, one.runner.campaign, CELL.touch
+    end = one.runner.end
     assert (end.status, end.reason.partition(':')[0]) == (0, 'enough')
+    assert made[-1] == campaign.accepted > made[-2] + 1
     assert one.plant.peak_force < touch.max_force
     assert all(meant == met for meant, met in one.contacts)
     assert len(one.contacts) == campaign.accepted + campaign.failed
     touches = TouchSet.concatenate(campaign.touches)
     outcome = calibrate_touches(touches, CELL)
-    assert outcome.tip_uncertainty.worst <= 1.02e-4, 'of one touch more than those by which it ended'
+    assert outcome.tip_uncertainty.worst <= 2.04e-4, 'of one touch more than those by which it ended'
     moved = (jacobian(TRUTH, touches.joints) @ touches.press[..., None])[..., 0]
     sides = np.sign((moved * quarter_turn(touches.force)).sum(axis=1))
     planned = drag(np.arctan2(-touches.force[:, 1], -touches.force[:, 0]), touches.posture)
     assert (sides == np.sign(planned)).all(), 'the tip is dragged to the side that was planned'
-    if lift:  # the round run is enough without a preload
-        assert set(np.sign((moved * touches.force).sum(axis=1))) == {1.0, -1.0}, 'pressed, and eased from a preload'
+    assert set(np.sign((moved * touches.force).sum(axis=1))) == {1.0, -1.0}, 'pressed, and eased from a preload'
     std = np.array([outcome[name].std for name in NAMES])
     off = np.array([outcome[name].value for name in NAMES]) - TRUTH.as_array()
     assert np.abs(off / std).max() < 4.5
@@ -99,7 +115,7 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert phases.index('travel') < phases.index('approach') < phases.index('press') < phases.index('hold')
 
 
-def test_a_robot_from_where_no_way_leads_is_to_be_moved() -> None:
+def test_a_robot_from_where_no_way_leads_is_to_be_moved():
     limits = ((-2.27, 2.27), (-2.71, 2.71))
     discs = (
         Disc('disc_1', -0.210, 0.104, 0.094),
@@ -117,7 +133,7 @@ def test_a_robot_from_where_no_way_leads_is_to_be_moved() -> None:
     assert one.contacts == []
 
 
-def test_a_coupled_drive_is_commanded_in_its_own_angles() -> None:
+def test_a_coupled_drive_is_commanded_in_its_own_angles():
     runs = [rehearsal(replace(CELL, coupling=part)) for part in (0.0, 16 / 76)]
     commands = [[command for _ in range(2500) if (command := one.step())] for one in runs]
     assert len(commands[0]) == len(commands[1]) > 50
@@ -127,36 +143,22 @@ def test_a_coupled_drive_is_commanded_in_its_own_angles() -> None:
     assert runs[1].plant.body.joints == pytest.approx(runs[0].plant.body.joints, abs=1e-6)
 
 
-def test_enough_is_said_of_all_touches_that_were_made() -> None:
-    one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH), seed=1), calibrating=20.0)
-    campaign, made = one.runner.campaign, list[int]()
-    work = campaign._work
-
-    def counted(do, cell, touches, *rest):
-        made.append(len(touches))
-        return work(do, cell, touches, *rest)
-
-    campaign._work = counted
-    one.runner.start()
-    one.run()
-    assert one.runner.end.is_reached
-    assert made[-1] == campaign.accepted > made[-2] + 1
-
-
-@pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
 @pytest.mark.parametrize(
-    ('fault', 'says'),
+    ('phase', 'fault', 'says'),
     [
-        (Fault.DOES_NOT_FOLLOW, 'does not follow'),
-        (Fault.HELD_MOVES, 'must not'),
-        (Fault.FREE_FORCE, 'force'),
-        (Fault.SILENT_JOINTS, '/joint_states is silent'),
-        (Fault.SILENT_WRENCH, '/wrench is silent'),
-        (Fault.LATE, 's late'),
+        ('travel', Fault.DOES_NOT_FOLLOW, 'does not follow'),
+        ('travel', Fault.FREE_FORCE, 'force'),
+        ('travel', Fault.SILENT_JOINTS, '/joint_states is silent'),
+        ('approach', Fault.LATE, 's late'),
+        ('approach', Fault.SILENT_WRENCH, '/wrench is silent'),
+        ('approach', Fault.HELD_MOVES, 'must not'),
+        ('press', Fault.DOES_NOT_FOLLOW, 'does not follow'),
+        ('press', Fault.HELD_MOVES, 'must not'),
+        ('press', Fault.FREE_FORCE, 'force'),
+        ('press', Fault.SILENT_WRENCH, '/wrench is silent'),
     ],
-    ids=lambda value: value.name.lower() if isinstance(value, Fault) else '',
 )
-def test_a_fault_stops_the_robot_within_a_second(fault: Fault, says: str, phase: str) -> None:
+def test_a_fault_stops_the_robot_within_a_second(phase, fault, says):
     one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
     until_phase(one, phase)
     one.plant.fault, began = fault, one.time
@@ -178,7 +180,7 @@ def test_a_fault_stops_the_robot_within_a_second(fault: Fault, says: str, phase:
         assert not one.plant.body.touched  # retracted
 
 
-def test_a_force_that_jumps_across_the_contact_is_seen() -> None:
+def test_a_force_that_jumps_across_the_contact_is_seen():
     one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
     # along x, so that the magnitude changes little
     one.run(lambda at: at.runner.status.phase == 'hold' and abs(at.plant.body.force[0]) < 0.4 * at.runner.senses.force)
@@ -193,7 +195,7 @@ def test_a_force_that_jumps_across_the_contact_is_seen() -> None:
 @pytest.mark.parametrize(
     ('fallen', 'end'), [(4e-4, ''), (3e-3, ': no motion of the robot explains that; none is left')]
 )
-def test_a_touch_that_slid_has_failed_and_without_a_force_the_run_ends(fallen: float, end: str) -> None:
+def test_a_touch_that_slid_has_failed_and_without_a_force_the_run_ends(fallen, end):
     one = rehearsal()
     until_phase(one, 'hold', 0.0)
     campaign, joints = one.runner.campaign, one.plant.body.joints
@@ -212,7 +214,7 @@ def test_a_touch_that_slid_has_failed_and_without_a_force_the_run_ends(fallen: f
 
 
 @pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
-def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
+def test_the_robot_stands_when_the_runner_dies(phase):
     one = rehearsal()
     until_phase(one, phase)
     one.plant.step(one.time + 0.3)
@@ -225,13 +227,13 @@ def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
 
 
-def test_a_way_that_begins_where_it_ends() -> None:
+def test_a_way_that_begins_where_it_ends():
     track = Track.of(np.array([[0.3, 1.0, 0.0]] * 2), TRUTH)
     assert track.length == 0.0
     assert track.nearest(np.array([0.3, 1.02, np.nan]), 0.0) == (0.0, pytest.approx(0.02))
 
 
-def test_somebody_else_moves_the_robot() -> None:
+def test_somebody_else_moves_the_robot():
     one = rehearsal()
     until_phase(one, 'travel', 0.0)
     one.runner.pause()
@@ -245,7 +247,7 @@ def test_somebody_else_moves_the_robot() -> None:
     assert 'moved by something else' in one.runner.status.text
 
 
-def test_a_lift_that_does_not_lift() -> None:
+def test_a_lift_that_does_not_lift():
     one = rehearsal(replace(CELL, lift=LIFT))
     one.plant.fault = Fault.LIFT_STUCK
     one.plant._position[2] = one.plant._setpoint[2] = 0.0
@@ -254,7 +256,7 @@ def test_a_lift_that_does_not_lift() -> None:
     assert one.fastest < 0.02  # the arm has not moved
 
 
-def test_a_lift_whose_position_is_no_longer_known() -> None:
+def test_a_lift_whose_position_is_no_longer_known():
     one = rehearsal(replace(CELL, lift=LIFT))
     until_phase(one, 'travel')
     add = one.runner.senses.add_joints
@@ -265,7 +267,7 @@ def test_a_lift_whose_position_is_no_longer_known() -> None:
     assert one.time - began < 1.0
 
 
-def test_an_object_in_the_way() -> None:
+def test_an_object_in_the_way():
     discs = (*CELL.discs, *(Disc(f'box_{k}', 0.9 * x, 0.9 * y, 0.02) for k, (x, y) in enumerate(RING)))
     one = rehearsal(true=replace(CELL, discs=discs))
     one.run(longest=200.0)
@@ -280,7 +282,7 @@ def test_an_object_in_the_way() -> None:
 RING = [(0.66 * np.cos(angle), 0.66 * np.sin(angle)) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
 
 
-def test_an_object_that_is_not_there() -> None:
+def test_an_object_that_is_not_there():
     one = rehearsal(true=replace(CELL, discs=tuple(disc._replace(radius=0.02) for disc in CELL.discs)))
     one.run(longest=120.0)
     end = one.runner.end
@@ -289,7 +291,7 @@ def test_an_object_that_is_not_there() -> None:
     assert one.plant.peak_force == 0
 
 
-def test_a_force_above_the_largest_one() -> None:
+def test_a_force_above_the_largest_one():
     one = rehearsal()
     until_phase(one, 'press')
     one.runner.cell = replace(CELL, touch=CELL.touch._replace(max_force=10.0))
@@ -298,7 +300,7 @@ def test_a_force_above_the_largest_one() -> None:
     assert not one.plant.body.touched
 
 
-def test_pause_start_and_stop() -> None:
+def test_pause_start_and_stop():
     one = rehearsal()
     until_phase(one, 'travel', 0.2)
     one.runner.pause()
@@ -316,13 +318,6 @@ def test_pause_start_and_stop() -> None:
     assert one.runner.end.status == 3
 
 
-def test_it_ends_after_so_many_touches() -> None:
-    one = rehearsal(replace(CELL, tolerance=None), most=9)
-    one.run(longest=200.0)
-    assert one.runner.end.status == 0
-    assert one.runner.campaign.accepted == 9
-
-
 @pytest.mark.parametrize(
     ('change', 'error', 'says'),
     [
@@ -332,33 +327,26 @@ def test_it_ends_after_so_many_touches() -> None:
     ],
     ids=['no limits', 'tolerance', 'unreachable'],
 )
-def test_what_is_refused_before_anything_moves(change: dict[str, object], error: type[Exception], says: str) -> None:
+def test_what_is_refused_before_anything_moves(change, error, says):
     cell = replace(CELL, **change)
     with pytest.raises(error, match=says):
         Rehearsal(cell, Plant(cell, ModelBody(CELL, TRUTH), settings=PlantSettings(start=(0.5, 1.0))))
 
 
-def test_a_busy_machine_does_not_go_on_without_a_force() -> None:
-    one = rehearsal(patience=5.0)
-    until_phase(one, 'travel')
-    one.plant.fault = Fault.SILENT_WRENCH
-    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
-    one._period = 0.05
-    one.run(lambda at: at.runner.status.phase != 'waiting', 20.0)
-    assert one.runner.status.phase == 'stopped'
-    assert 'waited for 5 s' in one.runner.status.text
-
-
-def test_a_force_that_is_missing_is_seen_by_a_busy_machine() -> None:
-    one = rehearsal(patience=5.0)
+def test_a_busy_machine_sees_that_a_force_is_missing_and_does_not_wait_for_ever():
+    one = rehearsal(patience=3.0)
     until_phase(one, 'travel')
     one.plant.fault, one._period, began = Fault.SILENT_WRENCH, 0.05, one.time
     one.run(lambda at: at.runner.status.phase == 'waiting', 5.0)
     assert '/wrench is silent' in one.runner.status.text
     assert one.time - began < 1.3
+    one.run(lambda at: at.runner.end is not None, 10.0)
+    assert 3.0 < one.time - began < 5.0
+    assert 'waited for 3 s' in one.runner.status.text
+    assert (one.runner.status.phase, one.runner.end.status) == ('stopped', 3)
 
 
-def test_a_busy_machine_does_not_begin_without_a_force() -> None:
+def test_a_busy_machine_does_not_begin_without_a_force():
     one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH)), rate=20.0)
     one.plant.fault = Fault.SILENT_WRENCH
     one.runner.start()
@@ -367,7 +355,7 @@ def test_a_busy_machine_does_not_begin_without_a_force() -> None:
     assert one.runner.status.text == '/wrench is silent (in idle)'
 
 
-def test_a_robot_that_stands_at_an_object_is_refused() -> None:
+def test_a_robot_that_stands_at_an_object_is_refused():
     one = rehearsal()
     one.plant.sensors = replace(one.plant.sensors, bias=(30.0, 0.0))
     one.run(longest=3.0)
@@ -375,7 +363,7 @@ def test_a_robot_that_stands_at_an_object_is_refused() -> None:
     assert one.fastest < 0.02
 
 
-def test_a_way_that_turns_back_is_followed_where_it_is_meant() -> None:
+def test_a_way_that_turns_back_is_followed_where_it_is_meant():
     """Out and back along the same joints: the robot on its way back is not behind by the whole loop."""
     out = np.linspace(0.0, 0.1, 21)[:, None] * [1.0, -1.0, 0.0] + [1.3, -1.2, 0.0]
     track = Track.of(np.concatenate([out, out[-2::-1]]), TRUTH)
@@ -387,7 +375,7 @@ def test_a_way_that_turns_back_is_followed_where_it_is_meant() -> None:
     assert far == pytest.approx(track.at[2], abs=1e-4), 'a robot that stands behind is found there'
 
 
-def test_an_arm_that_is_known_stays_known() -> None:
+def test_an_arm_that_is_known_stays_known():
     """A fit of touches that do not tell where the tip is plans on with the arm known before, not with the nominal."""
     planner = Planner(replace(nominal_arm(CELL), model=ExtendedModel(TRUTH)), now=1e-4)
     alike = default_plan(CELL, per_disc=18).select(np.arange(12))
@@ -400,7 +388,7 @@ def test_an_arm_that_is_known_stays_known() -> None:
     assert len(found.planned.plan)
 
 
-def test_so_many_touches_decide_between_effects_and_no_more() -> None:
+def test_so_many_touches_decide_between_effects_and_no_more():
     asked = list[bool]()
 
     def work(_: object, cell: Cell, touches: TouchSet, former: Planner, given_up: object, decides: bool) -> Future[Any]:
@@ -418,7 +406,7 @@ def test_so_many_touches_decide_between_effects_and_no_more() -> None:
     assert asked == [True] * 12 + [False] * 10
 
 
-def test_travel_is_one_smooth_command_and_a_contact_is_streamed() -> None:
+def test_travel_is_one_smooth_command_and_a_contact_is_streamed():
     one = rehearsal(replace(CELL, lift=LIFT))
     sent: list[tuple[str, Command]] = []
     while one.runner.campaign.accepted < 2:
@@ -437,8 +425,10 @@ def test_travel_is_one_smooth_command_and_a_contact_is_streamed() -> None:
     assert max(command.times[-1] for command in contact) <= AHEAD_OF_CONTACT + 1e-9
 
 
-def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_a_contact() -> None:
-    one = rehearsal(replace(CELL, tolerance=None), most=14)
+@pytest.mark.parametrize('is_known', [False, True])
+def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_a_contact(is_known):
+    known = Planner(replace(nominal_arm(CELL), model=ExtendedModel(TRUTH)), now=1e-4) if is_known else None
+    one = rehearsal(replace(CELL, tolerance=None), most=3, planner=known)
     one.runner.streams = False
     counts, commands = [0], 0
     while not one.runner.is_over:
@@ -446,16 +436,14 @@ def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_
         commands += command is not None
         if one.runner.campaign.accepted == len(counts):
             counts.append(commands)
-        if command is not None and one.runner.status.phase == 'approach' and one.runner.campaign.accepted < 9:
-            speed = one.runner._motion.speed
-            slow = one.runner._motion._slow[0]
-            assert one.runner._motion.sent <= max(one.runner._motion.at, slow) + AHEAD_OF_CONTACT * speed + 1e-9
-    assert one.runner.end.status == 0
-    assert np.median(np.diff(counts)[9:]) <= 6, 'of an arm that is known'
+        if command is not None and one.runner.status.phase == 'approach' and not is_known:
+            motion = one.runner._motion
+            assert motion.sent <= max(motion.at, motion._slow[0]) + AHEAD_OF_CONTACT * motion.speed + 1e-9
+    assert 'max_touches' in one.runner.end.reason
+    assert not is_known or np.median(np.diff(counts)) <= 6
     assert one.plant.peak_force < CELL.touch.max_force
 
 
-@pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
 @pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
 @pytest.mark.parametrize(
     ('what', 'wrong', 'well', 'says'),
@@ -466,11 +454,9 @@ def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_
     ],
     ids=['inactive', 'no wrench', 'no joints'],
 )
-def test_what_passes_by_itself_is_waited_for(
-    what: str, wrong: object, well: object, says: str, phase: str, streams: bool
-) -> None:
+def test_what_passes_by_itself_is_waited_for(what, wrong, well, says, phase):
     one = rehearsal(patience=10.0)
-    one.runner.streams = streams
+    one.runner.streams = (what == 'active') != (phase == 'approach')  # either is met in each phase
     until_phase(one, phase)
     target, accepted = one.runner.target, one.runner.campaign.accepted
     setattr(one.plant, what, wrong)
@@ -480,7 +466,7 @@ def test_what_passes_by_itself_is_waited_for(
     assert says in one.runner.status.text
     assert 'waiting for 10 s at most' in one.runner.status.text
     one.run(longest=0.3)
-    check_stands(one, 2.7)
+    check_stands(one)
     setattr(one.plant, what, well)
     one.run(lambda at: at.runner.status.phase == 'hold', 60.0)
     is_done = one.runner.campaign.accepted > accepted  # it has stood in contact for longer than a hold
@@ -492,15 +478,15 @@ def test_what_passes_by_itself_is_waited_for(
 
 
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
-def test_a_coarse_encoder_is_no_robot_that_stands(streams: bool) -> None:
-    one = rehearsal(most=4, resolution=7.7e-4)  # of 13 bits
+def test_a_coarse_encoder_is_no_robot_that_stands(streams):
+    one = rehearsal(most=1, resolution=7.7e-4)  # of 13 bits
     one.runner.streams = streams
     one.run(longest=200.0)
     assert 'max_touches' in one.runner.end.reason
-    assert one.runner.campaign.accepted == 4
+    assert one.runner.campaign.accepted == 1
 
 
-def test_a_robot_that_runs_ahead_is_stopped() -> None:
+def test_a_robot_that_runs_ahead_is_stopped():
     one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
     until_phase(one, 'travel')
     one.plant.scaling, one.plant._elapsed = 1.5, one.plant._elapsed + 0.1
@@ -510,7 +496,7 @@ def test_a_robot_that_runs_ahead_is_stopped() -> None:
     check_stands(one)
 
 
-def test_a_robot_that_went_on_while_nobody_listened_is_followed() -> None:
+def test_a_robot_that_went_on_while_nobody_listened_is_followed():
     one = rehearsal(replace(CELL, lift=LIFT))
     until_phase(one, 'travel')
     at = one.runner._motion.at
@@ -521,11 +507,10 @@ def test_a_robot_that_went_on_while_nobody_listened_is_followed() -> None:
     assert one.runner.end is None
 
 
-@pytest.mark.parametrize('seed', [1, 3])
-def test_a_busy_machine_that_hears_late_blames_nobody(seed: int) -> None:
+def test_a_busy_machine_that_hears_late_blames_nobody():
     """It stops for up to 0.3 s, again and again; what has come meanwhile is then heard ten messages a tick."""
-    one = rehearsal(replace(CELL, tolerance=None), seed=seed, most=8, patience=10.0)
-    rng, unheard, until = np.random.default_rng(seed), deque[Reading](), 0.0
+    one = rehearsal(replace(CELL, tolerance=None), most=4, patience=10.0)
+    rng, unheard, until = np.random.default_rng(1), deque[Reading](), 0.0
     while not one.runner.is_over:
         unheard.append(one.plant.step(one.time + one._period))
         one.time = one.plant.time
@@ -539,7 +524,7 @@ def test_a_busy_machine_that_hears_late_blames_nobody(seed: int) -> None:
     assert one.plant.peak_force < CELL.touch.max_force
 
 
-def test_a_busy_machine_halts_a_robot_whose_joints_are_silent() -> None:
+def test_a_busy_machine_halts_a_robot_whose_joints_are_silent():
     one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
     until_phase(one, 'travel')
     one.plant.fault, one._period, began = Fault.SILENT_JOINTS, 0.05, one.time
@@ -549,7 +534,7 @@ def test_a_busy_machine_halts_a_robot_whose_joints_are_silent() -> None:
     check_stands(one, within=5e-3)  # it slows down as if it were where it was seen
 
 
-def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind() -> None:
+def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind():
     """A controller that scales the time by 0 goes on by one of its periods at each new message."""
     one = rehearsal(replace(CELL, tolerance=None), patience=20.0)
     until_phase(one, 'approach')
@@ -562,8 +547,8 @@ def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind() -> No
     assert 'does not follow' in one.runner.status.text
 
 
-@pytest.mark.parametrize('more', [0.05, 0.2, 0.3])
-def test_a_press_that_is_scaled_to_zero_does_not_creep_on(more: float) -> None:
+@pytest.mark.parametrize('more', [0.05, 0.3])
+def test_a_press_that_is_scaled_to_zero_does_not_creep_on(more):
     """The controller moves on by two of its periods at each new message, whatever the scaling."""
     one = rehearsal(replace(CELL, tolerance=None), most=9, patience=20.0)
     command = one.plant.command
@@ -586,7 +571,7 @@ def test_a_press_that_is_scaled_to_zero_does_not_creep_on(more: float) -> None:
     assert one.runner.campaign.accepted > accepted
 
 
-def test_a_robot_that_is_late_when_its_controller_stops_goes_on() -> None:
+def test_a_robot_that_is_late_when_its_controller_stops_goes_on():
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel', 0.4)
     one.plant.scaling = 0.0
@@ -599,7 +584,7 @@ def test_a_robot_that_is_late_when_its_controller_stops_goes_on() -> None:
     assert one.runner.status.phase == 'approach'
 
 
-def test_a_way_begins_when_it_is_sent_though_planning_has_taken_long() -> None:
+def test_a_way_begins_when_it_is_sent_though_planning_has_taken_long():
     one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
     while one.step() is None or one.runner.status.phase != 'travel' or one.time < 3.0:
         pass
@@ -612,7 +597,7 @@ def test_a_way_begins_when_it_is_sent_though_planning_has_taken_long() -> None:
     assert halt.positions[0] == pytest.approx(one.plant._position, abs=2e-3)
 
 
-def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump() -> None:
+def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump():
     """Its controller may have had none of the motion: as after a pause of the network."""
     one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
     until_phase(one, 'travel', 0.8)
@@ -624,7 +609,7 @@ def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump() -> None:
     assert np.hypot(*moved[0]) / halt.times[0] < 1.05 * CELL.touch.speed
 
 
-def test_a_robot_that_is_at_the_end_a_little_early_stands_behind_nothing() -> None:
+def test_a_robot_that_is_at_the_end_a_little_early_stands_behind_nothing():
     one = rehearsal(patience=10.0)
     until_phase(one, 'retract', 0.0)
     one.run(longest=0.02)
@@ -636,16 +621,7 @@ def test_a_robot_that_is_at_the_end_a_little_early_stands_behind_nothing() -> No
     assert not any(status.phase == 'waiting' for _, status in one.history)
 
 
-def test_joints_that_come_late_stop_the_run() -> None:
-    one = rehearsal()
-    until_phase(one, 'travel')
-    add = one.runner.senses.add_joints
-    one.runner.senses.add_joints = lambda now, stamp, *rest: add(now, stamp - 0.12, *rest)  # type: ignore
-    one.run(lambda at: at.runner.end is not None, 1.0)
-    assert one.runner.status.text == '/joint_states: messages come 0.1 s late (in travel)'
-
-
-def test_a_force_that_comes_while_it_waits_ends_the_run() -> None:
+def test_a_force_that_comes_while_it_waits_ends_the_run():
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel')
     one.plant.active = False
@@ -659,7 +635,7 @@ def test_a_force_that_comes_while_it_waits_ends_the_run() -> None:
     assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
 
 
-def test_a_controller_that_refuses_is_asked_again_while_it_waits() -> None:
+def test_a_controller_that_refuses_is_asked_again_while_it_waits():
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel')
     one.plant.active, sent = False, list[Command]()
@@ -678,9 +654,7 @@ def test_a_controller_that_refuses_is_asked_again_while_it_waits() -> None:
 
 
 @pytest.mark.parametrize(('streams', 'scaling'), [(True, 0.2), (False, 0.2), (True, 0.0)])
-def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_contact(
-    streams: bool, scaling: float
-) -> None:
+def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_contact(streams, scaling):
     one = rehearsal(patience=10.0)
     one.runner.streams = streams
     until_phase(one, 'hold')
@@ -701,21 +675,12 @@ def move_while_it_waits(one: Rehearsal, by: float, fault: Fault = Fault.SILENT_W
     one.run(longest=1.5)
 
 
-def test_patience_ends() -> None:
-    one = rehearsal(patience=3.0)
-    until_phase(one, 'approach')
-    one.plant.active, began = False, one.time
-    one.run(lambda at: at.runner.end is not None, 10.0)
-    assert 3.0 < one.time - began < 5.0
-    assert 'waited for 3 s' in one.runner.status.text
-    assert one.runner.end.status == 3
-
-
 @pytest.mark.parametrize(('phase', 'by'), [('plan', 0.03), ('travel', 0.1), ('paused', 0.03)])
-def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase: str, by: float) -> None:
+def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase, by):
     """On its way, in a pause, or where it has none."""
     one = rehearsal(patience=10.0)
     if phase == 'plan':
+        one.runner.campaign.choose = lambda *_: None  # as while a calibration is made
         one.run(lambda at: at.runner.status.phase == 'plan')
     else:
         until_phase(one, 'travel')
@@ -724,6 +689,7 @@ def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase: str, by: fl
         until_phase(one, 'paused')
     move_while_it_waits(one, by, Fault.SILENT_JOINTS if phase == 'paused' else Fault.SILENT_WRENCH)
     assert (one.runner._motion is None) == (phase == 'plan')
+    vars(one.runner.campaign).pop('choose', None)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
@@ -731,7 +697,7 @@ def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase: str, by: fl
 
 
 @pytest.mark.parametrize('ends', ['stop', 'patience'])
-def test_a_robot_that_was_moved_while_it_waits_is_not_thrown_back(ends: str) -> None:
+def test_a_robot_that_was_moved_while_it_waits_is_not_thrown_back(ends):
     one = rehearsal(patience=3.0)
     until_phase(one, 'travel')
     move_while_it_waits(one, 0.05)
@@ -743,7 +709,7 @@ def test_a_robot_that_was_moved_while_it_waits_is_not_thrown_back(ends: str) -> 
     assert one.plant._position[:2] == pytest.approx(moved, abs=2e-3)
 
 
-def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anything_moves() -> None:
+def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anything_moves():
     one = rehearsal()
     one.runner.senses._fastest = [-1.0, -1.0]  # a clock that was set
     one.run(lambda at: 'late' in at.runner.status.text, 1.0)
@@ -752,7 +718,7 @@ def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anythi
     assert one.runner.status.phase == 'travel' and one.runner.end is None
 
 
-def test_a_halt_is_never_refused() -> None:
+def test_a_halt_is_never_refused():
     commander = Commander(CELL)
     beyond = np.append(np.array(CELL.limits)[:, 1] + 1e-5, 0.0)
     points = np.array([0.05]), beyond[None]
@@ -763,17 +729,17 @@ def test_a_halt_is_never_refused() -> None:
 
 
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
-def test_a_controller_that_scales_the_time_is_late_which_is_no_fault(streams: bool) -> None:
-    one = rehearsal(replace(CELL, tolerance=None, lift=LIFT), most=3)
+def test_a_controller_that_scales_the_time_is_late_which_is_no_fault(streams):
+    one = rehearsal(replace(CELL, tolerance=None, lift=LIFT), most=1)
     one.runner.streams, one.plant.scaling = streams, 0.3
     one.run()
     assert 'max_touches' in one.runner.end.reason
-    assert (one.runner.campaign.accepted, one.runner.campaign.failed) == (3, 0)
+    assert (one.runner.campaign.accepted, one.runner.campaign.failed) == (1, 0)
     assert one.plant.peak_force < CELL.touch.max_force
 
 
-def test_a_scaling_of_zero_is_waited_for() -> None:
-    one = rehearsal(replace(CELL, tolerance=None), most=3, patience=20.0)
+def test_a_scaling_of_zero_is_waited_for():
+    one = rehearsal(replace(CELL, tolerance=None), most=2, patience=20.0)
     until_phase(one, 'travel')
     one.plant.scaling = 0.0
     one.run(longest=5.0)
@@ -781,10 +747,10 @@ def test_a_scaling_of_zero_is_waited_for() -> None:
     assert any(status.phase == 'waiting' for _, status in one.history)
     one.plant.scaling = 1.0
     one.run()
-    assert one.runner.campaign.accepted == 3
+    assert one.runner.campaign.accepted == 2
 
 
-def test_a_busy_machine_does_not_press_on_without_forces() -> None:
+def test_a_busy_machine_does_not_press_on_without_forces():
     one = rehearsal()
     until_phase(one, 'approach')
     one.run(lambda at: at.plant.body.touched, 60.0)
@@ -794,7 +760,7 @@ def test_a_busy_machine_does_not_press_on_without_forces() -> None:
     assert one.plant.peak_force < CELL.touch.max_force
 
 
-def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back() -> None:
+def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back():
     one = rehearsal()
     until_phase(one, 'travel', 0.4)
     one.runner.pause()
@@ -810,7 +776,7 @@ def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back() -> None:
     assert 'does not follow' in one.runner.status.text
 
 
-def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
+def test_a_retract_ends_half_a_millimetre_beside_its_place():
     one = rehearsal(patience=10.0)
     until_phase(one, 'approach', 0.1)
     one.plant.fault = Fault.SILENT_WRENCH
@@ -824,7 +790,7 @@ def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
     assert one.runner.status.phase == 'judge'
 
 
-def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
+def test_a_robot_that_is_driven_beyond_its_way_is_stopped():
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel', 0.0)
     until_phase(one, 'approach', 0.03)  # far from the contact
@@ -837,7 +803,7 @@ def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
     assert one.plant.peak_force < CELL.touch.max_force
 
 
-def test_a_retract_waits_for_the_robot() -> None:
+def test_a_retract_waits_for_the_robot():
     """Else it jumps when its controller is active again."""
     one = rehearsal(patience=30.0)
     until_phase(one, 'press', 0.1)

@@ -21,13 +21,13 @@ def motion(phase: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize('burst', [1, 3, 10])
-def test_two_motions_in_turn(burst: int) -> None:
+def test_two_motions_in_turn(burst):
     first = (np.arange(1000) // burst) % 2 == 0
     assert is_interleaved(np.where(first[:, None], motion(0.0), motion(0.3)))
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_noise_steps_and_oscillations_of_one_robot_are_none(seed: int) -> None:
+def test_noise_steps_and_oscillations_of_one_robot_are_none(seed):
     rng = np.random.default_rng(seed)
     noise = rng.normal(size=(1000, 2))
     assert not is_interleaved(noise)
@@ -44,13 +44,13 @@ def mixed(gap: float) -> Streams:
     return streams
 
 
-def test_a_recording_of_two_robots() -> None:
+def test_a_recording_of_two_robots():
     both, alone = mixed(0.02), mixed(0.0)
     assert interleaved_seconds(both.joints.stamp, both.joints.position) > 10
     assert interleaved_seconds(alone.joints.stamp, alone.joints.position) == 0
 
 
-def test_no_touch_is_the_mean_of_two_robots() -> None:
+def test_no_touch_is_the_mean_of_two_robots():
     detection = find_touches(mixed(0.005), CELL)
     assert detection.found == 6
     assert len(detection.touches) == 0

@@ -31,7 +31,7 @@ def joined(times: list[tuple[int, int]]) -> list[tuple[int, int, list[float]]]:
 
 
 @pytest.mark.parametrize('periods', [(2, 2), (2, 10), (9, 2), (7, 3)])
-def test_both_angles_are_of_one_time_and_as_many_as_of_the_slower_joint(periods: tuple[int, int]) -> None:
+def test_both_angles_are_of_one_time_and_as_many_as_of_the_slower_joint(periods):
     stamps = [[T0 + (k * period + joint) * MS for k in range(1000 // period)] for joint, period in enumerate(periods)]
     found = joined([(joint, time) for joint in (0, 1) for time in stamps[joint]])
     for time, _, values in found:
@@ -42,13 +42,13 @@ def test_both_angles_are_of_one_time_and_as_many_as_of_the_slower_joint(periods:
     assert min(map(len, stamps)) - 2 <= len(found) <= min(map(len, stamps))
 
 
-def test_messages_with_both_angles_stay_as_they_came() -> None:
+def test_messages_with_both_angles_stay_as_they_came():
     join = JointParts(NAMES)
     for stamp in (5, 5, 0, 3):
         assert join.add(stamp, 7, [0.1, 0.2]) == (stamp, 7, [0.1, 0.2])
 
 
-def test_without_stamps_the_times_of_reception_count() -> None:
+def test_without_stamps_the_times_of_reception_count():
     join = JointParts(NAMES)
     found = [join.add(0, time, part(k % 2, time)) for k, time in enumerate(range(T0, T0 + 20 * MS, MS))]
     samples = [sample for sample in found if sample]
@@ -58,7 +58,7 @@ def test_without_stamps_the_times_of_reception_count() -> None:
         np.testing.assert_allclose(values, [angle(joint, received) for joint in (0, 1)], atol=1e-12)
 
 
-def test_other_joints_count_as_they_were_last_heard() -> None:
+def test_other_joints_count_as_they_were_last_heard():
     join = JointParts((*NAMES, 'lift'))
     first = join.add(T0, T0, [0.1, 0.2, nan])
     assert first is not None
@@ -67,7 +67,7 @@ def test_other_joints_count_as_they_were_last_heard() -> None:
     assert join.add(T0 + 2, T0 + 2, [0.1, 0.2, nan]) == (T0 + 2, T0 + 2, [0.1, 0.2, 0.02])
 
 
-def test_another_joint_that_fell_silent_is_unknown_after_a_second() -> None:
+def test_another_joint_that_fell_silent_is_unknown_after_a_second():
     join = JointParts((*NAMES, 'lift'))
     join.add(T0, T0, [nan, nan, 0.02])
     for ms, known in ((500, True), (1000, True), (1001, False)):
@@ -78,7 +78,7 @@ def test_another_joint_that_fell_silent_is_unknown_after_a_second() -> None:
     assert join.add(T0, T0 + 1003 * MS, [0.1, 0.2, nan]) == (T0, T0 + 1003 * MS, [0.1, 0.2, 0.03])
 
 
-def test_a_silent_joint_is_named_and_its_silence_is_not_bridged() -> None:
+def test_a_silent_joint_is_named_and_its_silence_is_not_bridged():
     join, found = JointParts(NAMES), []
     heard_again = T0 + 3000 * MS
     for time in range(T0, heard_again + 500 * MS, 2 * MS):
@@ -94,7 +94,7 @@ def test_a_silent_joint_is_named_and_its_silence_is_not_bridged() -> None:
     assert np.sum(times >= heard_again) > 240
 
 
-def test_stamps_of_one_joint_alone_are_said() -> None:
+def test_stamps_of_one_joint_alone_are_said():
     join = JointParts(NAMES)
     assert join.add(T0, T0 + MS, part(0, T0)) is None
     for time in (T0 + 2 * MS, T0 + 4 * MS):
@@ -104,14 +104,14 @@ def test_stamps_of_one_joint_alone_are_said() -> None:
             join.add(time + MS, time + MS, part(0, time + MS))
 
 
-def test_clocks_that_differ_are_said() -> None:
+def test_clocks_that_differ_are_said():
     join = JointParts(NAMES)
     join.add(T0, T0, part(0, T0))
     with pytest.raises(UnjoinedError, match=r'the clocks of joint1 and joint2 differ by 0.5 s, or one comes late'):
         join.add(T0 + 501 * MS, T0 + MS, part(1, T0))
 
 
-def test_a_clock_that_was_set_back_begins_anew() -> None:
+def test_a_clock_that_was_set_back_begins_anew():
     join = JointParts(NAMES)
     for begin in (T0, T0 - 10_000 * MS):
         found = []

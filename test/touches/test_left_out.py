@@ -37,7 +37,7 @@ def detection() -> Detection:
         (['19', '11-12'], [11, 19]),
     ],
 )
-def test_touches_by_number(detection: Detection, entries: list[str], numbers: list[int]) -> None:
+def test_touches_by_number(detection, entries, numbers):
     left = leave_out(detection, PATHS, parse_left_out(entries, '--leave-out'))
     assert [item.index for item in left.rejected if item.reason == REASON] == numbers
     assert Rejection(12, 'slides') in left.rejected
@@ -45,7 +45,7 @@ def test_touches_by_number(detection: Detection, entries: list[str], numbers: li
     assert left.found == 20
 
 
-def test_recordings_by_name() -> None:
+def test_recordings_by_name():
     for texts, kept in ((['monday', 'tuesday:3'], PATHS[1:]), (['tuesday:3'], PATHS), (['tuesday', '3'], PATHS[:1])):
         assert kept_recordings(PATHS, parse_left_out(texts, 'x')) == kept
     for texts, problem in (
@@ -67,13 +67,13 @@ def test_recordings_by_name() -> None:
         ('-3', "'-3' is none of the recordings"),
     ],
 )
-def test_entries_that_name_nothing_are_refused(detection: Detection, entry: str, message: str) -> None:
+def test_entries_that_name_nothing_are_refused(detection, entry, message):
     with pytest.raises(ParameterError, match=message):
         entries = parse_left_out([entry], '--leave-out')
         leave_out(detection, kept_recordings(PATHS, entries), entries)
 
 
-def test_recordings_of_one_name_are_told_apart_by_their_folders() -> None:
+def test_recordings_of_one_name_are_told_apart_by_their_folders():
     paths = ['may/touches', 'june/touches', 'touches.csv']
     for text in ('touches', 'touches:3'):
         with pytest.raises(ParameterError, match="'touches' is the name of several recordings: may/touches, june"):

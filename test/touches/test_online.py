@@ -52,15 +52,6 @@ def test_touches_are_reported_soon_after_the_retraction():
     assert max(delays[2:]) < 0.75
 
 
-def test_rejected_touches_are_reported_once():
-    scene = Scene().touches(3).touch(0, 30, 25.0, hold=0.1).touches(3)
-    detector, answers = fed(scene.streams(), CELL)
-    rejected = [rejection for answer in answers for rejection in answer.rejected]
-    assert detector.found == 7
-    assert [rejection.index for rejection in rejected] == [3]
-    assert rejected[0].reason.startswith('hold too short')
-
-
 def test_long_run_keeps_little():
     streams = simulate_streams(CELL, PAPER_MEASURED, PLAN)
     detector, answers = fed(streams, CELL, 200)
@@ -69,33 +60,25 @@ def test_long_run_keeps_little():
     assert 1e-9 * (stamps[-1] - stamps[0]) < 45.0
 
 
-def test_nothing_to_report():
-    detector = OnlineDetector(CELL)
-    assert detector.poll().found == 0
-    detector.add_wrench(1, (0.0, 0.0))
-    assert detector.poll().found == detector.finish().found == detector.found == 0
-
-
 SECOND = 10**9
 CLOCKS = {
-    **{f'{offset:+g} s apart': (0, round(offset * SECOND)) for offset in (-5, 0.5)},
+    '0.5 s apart': (0, SECOND // 2),
     'joints without stamp': (None, 0),
-    'forces without stamp': (0, None),
     'both without stamp': (None, None),
     'joints since 1970': (-START, 0),
     'both since 1970': (-START, -START),
-    'one clock': (0, 0),
 }
 
 
 def test_samples_dropped_by_a_restart_are_not_looked_at():
     detector = OnlineDetector(CELL)
+    assert detector.poll().found == 0
     detector.add_joint_state(START, (0.1, 0.2))
     detector.add_wrench(START, (0.0, 0.0))
     detector.restart()
     assert detector.poll().found == 0
     detector.add_wrench(START + 10**7, (0.0, 0.0))
-    assert detector.poll().found == 0
+    assert detector.poll().found == detector.finish().found == detector.found == 0
 
 
 @pytest.mark.parametrize('offsets', CLOCKS.values(), ids=list(CLOCKS))
@@ -114,8 +97,7 @@ def test_clocks_are_judged_live_as_in_a_recording(offsets):
     assert not detector.finish().found, 'reported when they end, not at the end of the streams'
     assert detector.found == offline.found == len(offline.touches) == 6
     same_touches(TouchSet.concatenate(found), offline.touches, force=0.01)
-    apart = offsets not in ((0, 0), (-START, -START))
-    assert bool(detector.clock_warning) is apart
+    assert bool(detector.clock_warning) is (offsets != (-START, -START))
 
 
 def test_a_stamp_far_ahead_loses_no_touch():

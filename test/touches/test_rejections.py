@@ -175,15 +175,21 @@ def test_what_is_too_little_is_never_rounded_up_to_enough():
     assert (rounded_down(0.1999), rounded_down(0.0999)) == ('0.19', '0.09')
 
 
-def test_frozen_force():
+@pytest.mark.parametrize(
+    ('which', 'begin', 'said'),
+    [('joints', -0.45, 'the joint readings are frozen'), ('wrench', 0.02, 'the force reading is frozen')],
+)
+def test_frozen_sensor(which, begin, said):
     scene = Scene().touches(8).touch(0, 30, 25.0, hold=0.6)
     streams = scene.streams()
-    time = 1e-9 * (streams.wrench.stamp - streams.joints.stamp[0])
-    frozen = (time > scene.holds[-1][2] + 0.02) & (time < scene.holds[-1][3])
-    streams.wrench.force[frozen] = streams.wrench.force[np.flatnonzero(frozen)[0]]
+    joints, wrench = streams.joints, streams.wrench
+    stamp, values = (joints.stamp, joints.position) if which == 'joints' else (wrench.stamp, wrench.force)
+    time = 1e-9 * (stamp - joints.stamp[0])
+    frozen = (time > scene.holds[-1][2] + begin) & (time < scene.holds[-1][3])
+    values[frozen] = values[np.flatnonzero(frozen)[0]]
     detection = find_touches(streams, CELL)
     assert [rejection.index for rejection in detection.rejected] == [8]
-    assert 'frozen' in detection.rejected[0].reason
+    assert said in detection.rejected[0].reason
 
 
 @pytest.mark.parametrize('axis', [0, 1])

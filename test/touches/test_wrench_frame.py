@@ -31,7 +31,7 @@ def tree(stated: SensorFrame, *transforms: tuple[str, str, tuple[float, float, f
 
 
 @pytest.mark.parametrize('frame_id', ['', 'base', 'base_link', '/left/base_link', 'world', 'sensor'])
-def test_what_agrees_or_is_unknown_is_not_said(frame_id: str) -> None:
+def test_what_agrees_or_is_unknown_is_not_said(frame_id):
     frame = WrenchFrame(PAPER_CELL)
     assert not frame.complaint(frame_id) and frame.turn(frame_id) is None
 
@@ -39,12 +39,12 @@ def test_what_agrees_or_is_unknown_is_not_said(frame_id: str) -> None:
 @pytest.mark.parametrize(('stated', 'frame_id'), [
     (SensorFrame.BASE, 'tool0'), (SensorFrame.BASE, 'left/flange'), (SensorFrame.TOOL, 'base_link'),
 ])  # fmt: skip
-def test_the_other_frame_is_said(stated: SensorFrame, frame_id: str) -> None:
+def test_the_other_frame_is_said(stated, frame_id):
     said = WrenchFrame(cell(stated)).complaint(frame_id)
     assert repr(frame_id) in said and f'sensor.frame: {stated.value}' in said
 
 
-def test_a_sensor_that_is_fixed_to_the_tool_is_not_in_the_base() -> None:
+def test_a_sensor_that_is_fixed_to_the_tool_is_not_in_the_base():
     mounted = ('tool0', 'mount', about_z(90)), ('mount', 'sensor', about_z(-90))
     base = tree(SensorFrame.BASE, *mounted)
     assert 'is fixed to tool0' in base.complaint('sensor')
@@ -73,12 +73,12 @@ ON_ITS_SIDE = (0.0, sin(np.pi / 4), 0.0, cos(np.pi / 4))
     ],
     ids=['parent', 'tree upside down', 'sensor upside down', 'on its side', 'turns add up'],
 )  # fmt: skip
-def test_a_force_is_turned_into_the_stated_frame(stated, transforms, force, expected) -> None:
+def test_a_force_is_turned_into_the_stated_frame(stated, transforms, force, expected):
     turn = tree(SensorFrame(stated), *transforms).turn('/left/sensor' if 'left' in transforms[0][0] else 'sensor')
     np.testing.assert_allclose(turn @ force, expected, atol=1e-12)
 
 
-def test_the_frame_of_the_description_counts_before_others_of_the_same_side() -> None:
+def test_the_frame_of_the_description_counts_before_others_of_the_same_side():
     """`world` is a usual name, but the tree knows `base_link`, in which the objects are given."""
     frame = tree(SensorFrame.BASE, ('world', 'base_link', about_z(90)))
     assert frame.description('world') == 'forces turned by 90 degrees from world into base_link'
@@ -94,12 +94,12 @@ def test_the_frame_of_the_description_counts_before_others_of_the_same_side() ->
     ],
     ids=['replaced by a later one', 'senseless', 'nan', 'circle'],
 )
-def test_transforms_that_turn_nothing(transforms) -> None:
+def test_transforms_that_turn_nothing(transforms):
     frame = tree(SensorFrame.BASE, *transforms)
     assert not frame.complaint('sensor') and frame.turn('sensor') is None
 
 
-def test_a_stated_turn_counts_where_no_transform_says_it() -> None:
+def test_a_stated_turn_counts_where_no_transform_says_it():
     turned = replace(PAPER_CELL, sensor=Sensor(frame=SensorFrame.TOOL, rotation=np.pi / 2))
     frame = WrenchFrame(turned)
     np.testing.assert_allclose(frame.turn('sensor') @ (1.0, 2.0, 9.0), (-2.0, 1.0), atol=1e-15)
@@ -109,7 +109,7 @@ def test_a_stated_turn_counts_where_no_transform_says_it() -> None:
     assert frame.turn('sensor') is None and not frame.description('sensor')
 
 
-def test_the_plane_of_an_upright_arm_takes_its_part_of_the_force() -> None:
+def test_the_plane_of_an_upright_arm_takes_its_part_of_the_force():
     """The robot's frames are its own: `tool0` is not link 2, and the base is the frame of the plane."""
     plane = Plane('base_link', (0.0, 0.0, 0.1), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     base = WrenchFrame(replace(PAPER_CELL, plane=plane))
