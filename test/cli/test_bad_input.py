@@ -61,7 +61,7 @@ def test_what_is_left_of_a_recording_is_used_and_the_loss_is_said(run, recording
 
 def test_no_contact(run, recordings, tmp_path):
     cell = load_cell(recordings / 'cell.yaml')
-    streams = read_streams(recordings / 'few', cell)
+    streams = read_streams(recordings / 'good', cell)
     quiet = np.random.default_rng(0).normal(0.5, 0.05, streams.wrench.force.shape)
     write_streams(tmp_path / 'quiet', replace(streams, wrench=replace(streams.wrench, force=quiet)), cell)
     check(run('calibrate', 'quiet'), 3, 'quiet', 'no contact')
@@ -122,7 +122,7 @@ def test_senseless_plan_or_truth(run, tmp_path, option, text, word):
         (('calibrate', 'a', '--speed'), '--speed'),
         (('calibrate', 'a', '--fix', 'l3'), 'l3'),
         (('calibrate', 'a', '--fix', 'l1=long'), 'l1'),
-        (('calibrate', 'a', '--fix', 'l1=330'), '--fix l1=330: expected at most 100 m; lengths are in m, not mm'),
+        (('calibrate', 'a', '--fix', 'l1=330'), '--fix l1=330: expected at most 100 m in size, got 330.0; lengths are in m, not mm'),
         (('calibrate', 'a', '--fix', 'g1=16'), 'angles are in rad, not degrees'),
         (('calibrate', 'a', '--fix', 'p1=10'), '--fix p1=10: expected at most 1 rad/Nm'),
         (('--bogus',), '--bogus'),

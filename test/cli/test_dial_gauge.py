@@ -89,5 +89,5 @@ def test_options_say_what_the_table_does_not(run, tmp_path):
 def test_what_is_wrong_is_one_line(run, tmp_path, text, options, status, message):
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
-    refused(run('dial-gauge', 'one.csv', '--out', 'result', *options), status, message)
+    refused(run('dial-gauge', 'one.csv', *options), status, message)
     assert not (tmp_path / 'result').exists()
