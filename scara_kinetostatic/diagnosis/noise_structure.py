@@ -152,9 +152,11 @@ def fit_again(
     """
     warm_start = WarmStart(c.model, noise or c.noise, c.used, c.errors)
     try:
-        return calibrate(c.touches, cell or c.cell, c.model.effects, fixed=c.fixed, start=start, warm_start=warm_start)
+        fit = calibrate(c.touches, cell or c.cell, c.model.effects, fixed=c.fixed, start=start, warm_start=warm_start)
     except UnsupportedDataError:
         return None
+    # free, rivals may go off to where the model is not defined
+    return fit if np.isfinite(fit.projection.distance[fit.used]).all() else None
 
 
 def _with_rejections_of(found: Calibration, before: Calibration) -> Calibration:

@@ -233,3 +233,12 @@ def test_a_large_effect_that_is_not_linear_is_begun_nearer():
     found = diagnose(calibrate(simulate((effect('sensor_nonlinearity'), (-5e-3,)), seed=1), exact))
     assert 'sensor_nonlinearity' in named(found)
     check_parameters(found)
+
+
+def test_rivals_that_a_free_fit_drives_apart_are_no_failure():
+    """Rotation, cross-talk, a nonlinear sensor and a soft contact at once, not bounded by sizes."""
+    task = lone_flaws.Task('sensor_cross_talk', 10.0, 652)
+    touches = lone_flaws.simulate(lone_flaws.small(), lone_flaws.flaw(task), seed=lone_flaws.seed_of(*task))
+    found = diagnose(calibrate(touches, replace(lone_flaws.small().cell, noise=None)))
+    assert np.isfinite(found.extended.parameters.as_array()).all()
+    assert {'sensor_rotation', 'sensor_cross_talk'} & set(named(found))
