@@ -122,10 +122,7 @@ def test_senseless_plan_or_truth(run, tmp_path, option, text, word):
         (('calibrate', 'a', '--speed'), '--speed'),
         (('calibrate', 'a', '--fix', 'l3'), 'l3'),
         (('calibrate', 'a', '--fix', 'l1=long'), 'l1'),
-        (
-            ('calibrate', 'a', '--fix', 'l1=330'),
-            'at most 100 m in size, got 330.0; lengths are in m, not mm',
-        ),
+        (('calibrate', 'a', '--fix', 'l1=330'), 'at most 100 m in size, got 330.0; lengths are in m, not mm'),
         (('calibrate', 'a', '--fix', 'g1=16'), 'angles are in rad, not degrees'),
         (('calibrate', 'a', '--fix', 'p1=10'), '--fix p1=10: expected at most 1 rad/Nm'),
         (('--bogus',), '--bogus'),
