@@ -414,7 +414,7 @@ class Contribution(NamedTuple):
 
     Attributes:
         label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``,
-            ``undetected[name]`` of effects, ``rivals``, or ``value[name]`` of a friction, moment or frequency.
+            ``undetected[name]`` of effects, ``rivals``, or ``value[name]`` of a friction or moment.
         declared: its declared standard uncertainty; None for noise.
         unit: of `declared`.
         covariance: its part of the covariance of all values, of the shape of `Calibration.covariance`.

@@ -209,7 +209,8 @@ def _with_extended_model(
     if found.rivals:
         found, likely = fit_rivals(found, known)
     when = moments(found.fit)
-    fit = _with_moments(found.fit, when)
+    # in the union of rivals one may stand for the other at any place; each by itself has its own
+    fit = _with_moments(found.fit, [item for item in when if item.effect.label in found.in_every_model])
     after = adequacy(fit)
     every = [_with_moments(one.fit, moments(one.fit)) for one in (*likely.models, *likely.more_general)]
     fit = with_large_effects(averaged(fit, every, likely.weights), found.model)
@@ -243,7 +244,9 @@ def _with_extended_model(
 def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
     """A calibration with the uncertainty of the places of its effects on their grids."""
     for moment in when:
-        effect, fit = moment.effect, with_places(fit, moment.effect, moment.change, moment.weight)
+        effect = moment.effect
+        if effect.is_stepwise or not effect.is_smooth:  # a wave is near to linear in its frequency
+            fit = with_places(fit, effect, moment.change, moment.weight)
         at = fit.model.names.index(f'{effect.label}.{effect.grid_parameter}') - fit.model.base_count
         std = fit.effect_std.copy()
         std[at] = np.fmax(std[at], moment.std)
