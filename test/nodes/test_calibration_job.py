@@ -89,7 +89,7 @@ def test_recordings_and_touches_can_be_left_out(job, bags):
     several = job(recordings=[str(bags[2]), str(bags[0])])
     with pytest.raises(RecordingError, match='broken'):
         calibrated(several)
-    kept = calibrated(several._replace(left_out=['broken', 'first:3', '4-5']))
+    kept = calibrated(several._replace(left_out=['broken', 'first:3', 'first:4-5']))
     assert kept.facts['recordings'] == [str(bags[0])]
     assert kept.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4, 5)]
     with pytest.raises(InputError, match="'third' is none of the recordings"):
@@ -99,7 +99,7 @@ def test_recordings_and_touches_can_be_left_out(job, bags):
 def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_replace_files(job, bags, tmp_path):
     strict = job(cell=cell_file(tmp_path, replace(PAPER_CELL, noise=None, tolerance=1e-6)))
     result = calibrated(strict)
-    warning = f'{bags[0]} contains another cell description (noise); that of the parameter cell is used'
+    warning = f'{bags[0]} contains another cell description (noise, tolerance); that of the parameter cell is used'
     assert result.facts['warnings'] == result.document['warnings'] == [warning]
     assert result.facts['assessment'] == 'unfit'
     assert result.folder == tmp_path / 'out' / 'unfit'

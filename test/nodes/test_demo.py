@@ -31,7 +31,7 @@ def descendants(process: int) -> set[int]:
 
 def test_the_robot_calibrates_itself(tmp_path, capsys):
     """The example cell's tolerance is reached with fewer touches than the 72 of a plan, and the truth is found."""
-    more = 'tolerance: {tip: 2.0e-4}\nuncertainty: {effects: none}\n'
+    more = 'tolerance: {tip: 5.0e-4}\nuncertainty: {effects: none}\n'
     (tmp_path / 'cell.yaml').write_text((Path(__file__).parents[2] / 'config' / 'cell.yaml').read_text() + more)
     demo.run(parse('--out', str(tmp_path), '--seed', '3', '--cell', str(tmp_path / 'cell.yaml')))
     printed = capsys.readouterr().out
