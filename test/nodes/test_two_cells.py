@@ -39,7 +39,7 @@ def test_two_cells_do_not_mix_and_a_touch_of_one_can_be_discarded(processes, cli
             lambda array, heard=heard: heard.append({item.key: item.value for item in array.status[0].values}),
             LATCHED_TOUCHES,
         )
-        simulator = {'cell': cell_file, 'plan': tmp_path / 'plan.yaml', 'wait_for_subscribers': 1, 'time_factor': 10.0}
+        simulator = {'cell': cell_file, 'plan': tmp_path / 'plan.yaml', 'wait_for_subscribers': 1, 'time_factor': 5.0}
         processes.start('collector', {'cell': cell_file, 'output': tmp_path / space, 'autostart': True}, space)
         assert 'no accepted touch' in trigger(client, f'/{space}/collector/discard_last').message
         processes.start('contact_simulator', simulator | {'truth.theta1': 0.02 * number}, space)
