@@ -96,7 +96,7 @@ def test_touches_that_alternate_between_surfaces_are_refused(monkeypatch):
     cell = CELLS['block']
     touches = simulate_touches(cell, TRUTH, default_plan(cell, 12), None, 1)
     monkeypatch.setattr(f'{sk.calibrate.__module__}.fitted_surfaces', lambda o, *_: o.surface ^ 1)
-    with pytest.raises(UnsupportedDataError, match='do not settle on the edges|too much alike'):
+    with pytest.raises(UnsupportedDataError, match=r'do not settle on the edges|too much alike'):
         sk.calibrate(touches, cell)
 
 
