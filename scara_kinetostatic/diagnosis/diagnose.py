@@ -245,7 +245,7 @@ def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
     """A calibration with the uncertainty of the places of its effects on their grids."""
     for moment in when:
         effect = moment.effect
-        if effect.is_stepwise or not effect.is_smooth:  # a wave is near to linear in its frequency
+        if len(moment.change):
             fit = with_places(fit, effect, moment.change, moment.weight)
         at = fit.model.names.index(f'{effect.label}.{effect.grid_parameter}') - fit.model.base_count
         std = fit.effect_std.copy()

@@ -372,7 +372,7 @@ class Moment(NamedTuple):
         text: between which touches a moment is, with a probability of 95 %; empty for others.
         std: its standard deviation.
         change: of L̄, and of the amplitudes of the effect, from the place of the fit to each of some places,
-            (t, 12 + k); other effects are as fitted.
+            (t, 12 + k); other effects are as fitted. None where the model is smooth there.
         weight: of these places, (t,).
     """
 
@@ -415,7 +415,9 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         trials = list({round(trial.place, 12): trial for trial in trials}.values())  # the grids overlap
         gain, places = gained(trials), np.array([trial.place for trial in trials])
         weight = np.exp((gain - gain.max()) / (2 * scale))
-        likely = np.flatnonzero(weight > _UNLIKELY)
+        # a wave is near to linear in its frequency; beside a curve any would do
+        has_kinks = effect.is_stepwise or not effect.is_smooth
+        likely = np.flatnonzero(weight > _UNLIKELY) if has_kinks else np.empty(0, dtype=np.intp)
         weight /= weight.sum()
         off = np.abs(places - values[effect.grid_parameter_index])
         text, std = '', float(np.sqrt(weight @ off**2))
@@ -425,7 +427,8 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         for one, k in zip(every, (*likely.tolist(), int(np.argmin(off))), strict=True):
             one[number] = one[number]._replace(trial=trials[k])
         *with_each, here = (start_from(problem, one).as_array() for one in every)
-        found.append(Moment(effect, text, std, np.array(with_each) - here, weight[likely] / weight[likely].sum()))
+        change = np.array([one - here for one in with_each])
+        found.append(Moment(effect, text, std, change, weight[likely] / weight[likely].sum()))
     return tuple(found)
 
 
