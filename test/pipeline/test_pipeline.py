@@ -42,6 +42,14 @@ def test_streams_of_other_units_or_signs_are_named(tmp_path, count, force, angle
         calibrate_recordings([tmp_path / 'one'], CELL)
 
 
+def test_noise_without_a_touch_is_not_taken_for_another_unit(tmp_path):
+    streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL).select(np.arange(4)), seed=3)
+    noise = np.random.default_rng(0).normal(0.0, 0.05, streams.wrench.force.shape)
+    write_streams(tmp_path / 'one', replace(streams, wrench=replace(streams.wrench, force=noise)), CELL)
+    with pytest.raises(UnsupportedDataError, match='no contact found'):
+        calibrate_recordings([tmp_path / 'one'], CELL)
+
+
 def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tmp_path):
     write_streams(tmp_path / 'one', simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL, 6)), CELL)
     detection = gather_touches([tmp_path / 'one'], CELL)
