@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinematics import forward, jacobian
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.results import report
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -95,6 +97,20 @@ def off_normal_fit(touches: TouchSet) -> TouchSet:
     x, y = touches.force.T
     turned = [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y]
     return touches.replace(force=np.stack(turned, axis=-1))
+
+
+@contextmanager
+def page_left_out() -> Iterator[None]:
+    """The page of a calibration, which takes most of the time, is not drawn."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, 'html_text', lambda _: 'page')
+        yield
+
+
+@pytest.fixture
+def without_page() -> Iterator[None]:
+    with page_left_out():
+        yield
 
 
 @pytest.fixture(scope='session')

@@ -14,7 +14,7 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import load_cell
 
-pytestmark = pytest.mark.usefixtures('without_page')
+pytestmark = pytest.mark.usefixtures('without_page', 'undiagnosed')
 
 
 def nothing_new(folder: Path, *known: str) -> None:
