@@ -44,8 +44,6 @@ GROWN = 1e-4
 """By which the radius of the second disc is larger than the cell says, m."""
 TURN = 0.015
 """By which the forces are turned, rad."""
-OFF_NORMAL = 0.06
-"""Standard deviation of forces that lean, rad."""
 
 Make = Callable[..., Outcome]
 Play = Callable[[TouchSet], TouchSet]
@@ -89,14 +87,6 @@ def leaking(touches: TouchSet) -> TouchSet:
     joints = touches.joints.copy()
     joints[:, 0] += 1.5e-4 * np.sin(2 * joints[:, 1])
     return touches.replace(joints=joints)
-
-
-def off_normal_fit(touches: TouchSet) -> TouchSet:
-    """Every force turned by an angle of its own."""
-    angle = np.random.default_rng(0).normal(0.0, OFF_NORMAL, len(touches))
-    x, y = touches.force.T
-    turned = [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y]
-    return touches.replace(force=np.stack(turned, axis=-1))
 
 
 @contextmanager
@@ -167,9 +157,3 @@ def ambiguous() -> Outcome:
 def unnamed() -> Outcome:
     """An effect that nobody listed."""
     return conclude_outcome(leaking(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)
-
-
-@pytest.fixture(scope='session')
-def rough() -> Outcome:
-    """Friction that takes either sense and any size."""
-    return conclude_outcome(off_normal_fit(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)

@@ -6,7 +6,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from conftest import GROWN, OFF_NORMAL, conclude_outcome
+from conftest import GROWN, conclude_outcome
 from diagnosis.simulated import CELL, effect, simulate
 
 from scara_kinetostatic.assessment.outcome import Outcome
@@ -106,15 +106,6 @@ def test_the_residual_of_a_curve_is_over_its_variable(unnamed: Outcome) -> None:
     assert found.x_label == 'angle of joint 2  [rad]'
     assert found.y_label == 'deviation of joint 1  [µrad]'
     assert np.corrcoef(found.before, found.expected)[0, 1] > 0.8
-
-
-def test_the_off_normal_angle_of_every_force_is_not_corrected(rough: Outcome) -> None:
-    (found,) = rough.effect_residuals
-    assert found.y_label == 'off-normal angle of the force  [mrad]'
-    np.testing.assert_array_equal(found.before, found.after)
-    assert np.std(found.before / 1e3) == pytest.approx(OFF_NORMAL, rel=0.2)
-    assert np.sqrt(np.mean((found.before / found.std_before) ** 2)) > 3
-    assert np.sqrt(np.mean((found.after / found.std_after) ** 2)) == pytest.approx(1, abs=0.25)
 
 
 def test_comparison_and_residuals_are_estimated_once(ambiguous: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,16 +53,6 @@ def test_a_displaced_disc_shows_whether_the_noise_is_known_or_not(noise, move):
         assert 'object_position[disc_2]' in named(found)
 
 
-def test_a_joint_that_lost_its_zero_midway_shows():
-    data = touches(PAPER_ACTUAL, 1)
-    joints = data.joints.copy()
-    joints[36:, 1] += 3e-4
-    found = diagnose(calibrate(data.replace(joints=joints), replace(CELL, noise=None)))
-    assert any('zero of joint 2' in trace.name for trace in found.dependences)
-    assert {'shift[joint2]', 'shift[tool]'} in [set(group) for group in found.rivals]
-    assert all(item.effect.name == 'shift' for item in found.found)
-
-
 def test_exact_data_are_not_unexplained():
     for robot, noise in ((PAPER_ACTUAL, None), (PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0), NOISE)):
         found = calibrate(touches(robot, noise=Noise(0.0, 0.0)), replace(CELL, noise=noise))

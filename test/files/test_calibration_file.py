@@ -34,7 +34,7 @@ def same(one: CalibratedArm, other: CalibratedArm) -> None:
         assert getattr(one, name) == getattr(other, name), name
 
 
-@pytest.mark.parametrize('which', ['plain', 'confounded', 'grown', 'unnamed', 'rough'])
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'grown', 'unnamed'])
 def test_both_files_hold_the_arm(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     arm = CalibratedArm.of_outcome(outcome)
