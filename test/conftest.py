@@ -46,7 +46,6 @@ TURN = 0.015
 """By which the forces are turned, rad."""
 
 Make = Callable[..., Outcome]
-Play = Callable[[TouchSet], TouchSet]
 
 
 def conclude_outcome(touches: TouchSet, cell: Cell, warnings: tuple[str, ...] = (), **fixed: float) -> Outcome:
