@@ -6,22 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibration.studies import CELL
 
 from scara_kinetostatic import pipeline
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, usable_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import Detection
-
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 
 
 @pytest.mark.parametrize(
