@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from cli.command import refused
-from studies.gauge_table import dump_readings, loops
+from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.studies.paper.study import simulate_experiments
 
@@ -37,21 +37,6 @@ def test_json_and_page_in_a_folder(run, tmp_path):
     assert page.count('<svg') == 2 + 2 + 2
     assert '#01020' not in page  # no stand-in colour left
     assert 'http' not in page.replace('http://www.w3.org', '')
-
-
-def test_loops_are_those_of_hysteresis(run, tmp_path):
-    (tmp_path / 'one.csv').write_text(ONE)
-    (tmp_path / 'loops.csv').write_text(loops())
-    result = run('dial-gauge', 'one.csv', 'loops.csv', '--out', 'result')
-    assert (result.status, result.err) == (0, '')
-    for words in ('Compliance and backlash: Gripper, loops', 'Law (6) is not sufficient: Coulomb friction in series'):
-        assert words in ' '.join(result.out.split()), words
-    document = json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
-    assert list(document['parts']) == ['gripper']
-    assert document['hysteresis'] == json.loads(run('hysteresis', 'loops.csv', '--json').out)
-    assert document['hysteresis']['records'][0]['parameters']['slip']['half_gap']['value'] == pytest.approx(2e-3, 0.01)
-    page = (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
-    assert page.count('<svg') == 1 + 2
 
 
 def test_json_on_stdout_is_that_of_the_file(run, tmp_path):

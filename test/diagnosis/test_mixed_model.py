@@ -128,8 +128,12 @@ def test_the_prior_of_the_sizes_is_half_t_in_the_logarithm():
 @pytest.mark.parametrize(('factor', 'limits'), [(0.0, (0.0, 0.8)), (3.0, (1.2, 10.0))])
 def test_the_sizes_come_from_the_touches(factor, limits):
     """Of a robot without errors they are smaller than typical, of one with large ones larger."""
-    setup, _, touches = draw(Task('paper', 'all', factor, False, 'estimated', 900))
-    model = fit_mixed(calibrate(touches, setup.cell), catalogue(setup.cell))
+    effects = tuple(effect for effect in catalogue(CELL) if not (effect.is_stepwise or effect.grid_parameter))
+    signs = iter(np.resize([1, -1, -1], 200).tolist())
+    values = tuple(tuple(factor * next(signs) * typical_size(e, k) for k in range(len(e.start))) for e in effects)
+    robot = ExtendedModel(PAPER_ACTUAL, effects, values)
+    touches = simulate_touches(CELL, robot, default_plan(CELL, 18, preload=0.3), seed=4)
+    model = fit_mixed(calibrate(touches, CELL), catalogue(CELL))
     assert limits[0] < np.exp(model.solved.logs[-1]) < limits[1]
 
 
