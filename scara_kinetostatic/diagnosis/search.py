@@ -29,7 +29,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, special_cases
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets, special_cases
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.undetected import typical_size
@@ -54,7 +54,7 @@ _RULED_OUT = 20.0
 gain of 5 has 22; a soft contact of 760 beside a nonlinear sensor of 70 has 11, and either may be true.
 """
 _MOST_RIVALS = 4
-"""Credible sets whose predictions are compared at most."""
+"""Sets that replace each other, of which models are made at most; of four times as many credible sets at most."""
 
 
 class Search(NamedTuple):
@@ -246,30 +246,39 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
     is_general = [bool(special_cases(one.members) & named) for one in sets.credible]
     simple = [one for one, more in zip(sets.credible, is_general, strict=True) if not more]
     general_sets = [one for one, more in zip(sets.credible, is_general, strict=True) if more]
-    tried = [*simple[:_MOST_RIVALS], *general_sets[:_MOST_RIVALS]]
-    models = [_fit_named(base, known, found.problem, one.members, most=3) for one in tried]
-    fits = [(one, fit) for one, fit in zip(tried, models, strict=True) if fit is not None]
-    most = min((fit.deviance + one.penalty for one, fit in fits), default=0.0) + _RULED_OUT
-    kept = [(one, fit) for one, fit in fits if fit.deviance + one.penalty <= most]
+    tried = list[tuple[Subset, MixedModel | None]]()
+    for some in simple, general_sets:
+        begun = len(tried)
+        for one in some[: 4 * _MOST_RIVALS]:
+            if len(_likely(tried[begun:])) < _MOST_RIVALS:
+                tried.append((one, _fit_named(base, known, found.problem, one.members, most=3)))
+    kept = _likely(tried)
     deviance = {frozenset(one.labels): fit.deviance for one, fit in kept}
     rivals, general, weights = list[MixedModel](), list[MixedModel](), list[float]()
+    stays = {one.labels for one in simple} - {one.labels for one, _ in tried}
     for one, fit in kept:
         more = fit.deviance - min((deviance.get(case, np.inf) for case in special_cases(one.members)), default=np.inf)
         if more <= 0:
             rivals.append(fit)
+            stays.add(one.labels)
         else:
             general.append(fit)
             weights.append(float(np.exp(-more / 2)))
-    ruled_out = [one.labels for one, fit in fits if not any(fit is rival for rival in rivals)]
-    ruled_out += [one.labels for one in general_sets[_MOST_RIVALS:]]
-    if ruled_out:
-        sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels not in ruled_out))
+    if rivals and len(stays) < len(sets.credible):
+        sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels in stays))
         labels, groups = _partition(sets)
         members, best = _union(sets), len(sets.credible[0].members)
         model = _fit_named(base, known, found.problem, members[:best], members[best:])
         model = model or (found.model if groups else rivals[0])
         found = found._replace(model=model, scored_subsets=sets, in_every_model=labels, rivals=groups)
     return found, Rivals(tuple(rivals), (*[1.0] * len(rivals), *weights), tuple(general))
+
+
+def _likely(tried: Sequence[tuple[Subset, MixedModel | None]]) -> list[tuple[Subset, MixedModel]]:
+    """Those of the sets that have a model, and are not ruled out beside the likeliest."""
+    fits = [(one, fit) for one, fit in tried if fit is not None]
+    most = min((fit.deviance + one.penalty for one, fit in fits), default=0.0) + _RULED_OUT
+    return [(one, fit) for one, fit in fits if fit.deviance + one.penalty <= most]
 
 
 def _union(sets: ScoredSubsets) -> list[Candidate]:
