@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.calibration.tip_uncertainty import region_grid
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design, Row
-from scara_kinetostatic.planning.prediction import loaded_tip, make_workspace, tip_std
+from scara_kinetostatic.planning.prediction import tip_in_use, tip_std
 from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Legend, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
@@ -54,36 +56,36 @@ def number_picture(design: Design) -> Markup:
     return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
 
 
-_BY_SIZE = 'viridis_r'
-
-
 def tip_picture(design: Design) -> Markup:
     """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
     figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
-    robot, q = design.robot, design.requirements
-    workspace = make_workspace(robot, radii=24, angles=120)
-    tip = loaded_tip(robot, workspace, q.load if q.under_load else 0.0)
-    places = MICRO * tip_std(tip, design.row.prediction).places
-    low, high = float(places.min()), float(places.max())
-    every = np.full(workspace.mask.shape, np.nan)
-    every[workspace.mask] = places
-    for k, name in enumerate(('posture left', 'posture right')):
-        angle = np.append(workspace.angles, 2 * np.pi)
-        x, y = (workspace.radii[:, None] * turn(angle) for turn in (np.cos, np.sin))
-        base = (robot.cell.nominal.x0, robot.cell.nominal.y0)
-        values = np.concatenate([every[k], every[k][:, :1]], axis=1)
-        drawn = axes[k].pcolormesh(
-            x + base[0], y + base[1], np.ma.masked_invalid(values), shading='gouraud', cmap=_BY_SIZE, vmin=low,
-            vmax=high, rasterized=True,
-        )  # fmt: skip
-        _discs(axes[k], robot.cell)
-        axes[k].set(aspect='equal', xlabel='x  [mm]', title=name)
-        in_mm(axes[k])
-        axes[k].grid(visible=False)
-        axes[k].plot(*base, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes[0].set(ylabel='y  [mm]')
+    robot, q, columns = design.robot, design.requirements, 49
+    x, y, _, possible = region_grid(robot.parameters, robot.cell, columns)
+    tip = tip_in_use(robot, q.load, columns)
+    values = np.full(possible.shape, np.nan)
+    values[possible] = MICRO * tip_std(tip[:, 1:] if q.under_load else tip[:, :1], design.row.prediction).places
+    for k, name in enumerate(('left', 'right')):
+        drawn = _map(axes[k], design, (x, y, values[k]))
+        drawn.set_clim(float(np.nanmin(values)), float(np.nanmax(values)))
+        axes[k].set(title=f'posture {name}')
+    axes[1].set(ylabel='')
     figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
     return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
+
+
+def _map(axes: Axes, design: Design, grid: tuple[Floats, Floats, Floats]) -> QuadMesh:
+    """A standard deviation of the tip, µm, over the places of a grid, with the discs and the base of the robot."""
+    nominal = design.robot.cell.nominal
+    x, y, values = grid
+    shown = np.ma.masked_invalid(values)
+    drawn = axes.pcolormesh(x, y, shown, shading='nearest', cmap='viridis_r', rasterized=True)
+    for disc in design.robot.cell.discs:
+        draw.draw_object(axes, disc, INK, width=1.1)
+    axes.plot(nominal.x0, nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
+    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
+    in_mm(axes)
+    axes.grid(visible=False)
+    return drawn
 
 
 def plan_picture(design: Design) -> Markup:
@@ -113,27 +115,14 @@ def plan_picture(design: Design) -> Markup:
 def additional_disc_picture(design: Design) -> Markup:
     """Largest standard deviation of the tip by the place of one additional disc."""
     figure, (axes,) = draw.new_figure(HALF, 400)
-    m, cell = design.additional_disc, design.robot.cell
-    shown = MICRO * np.ma.masked_invalid(m.largest)
-    drawn = axes.pcolormesh(m.x, m.y, shown, shading='nearest', cmap=_BY_SIZE, rasterized=True)
-    _discs(axes, cell)
-    best = m.best
-    if best is not None:
-        axes.add_patch(Circle(best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
-        axes.plot(*best[:2], '+', ms=9, color=SERIES[1], mew=2)
-    axes.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes.set(aspect='equal', xlabel='x of its centre  [mm]', ylabel='y  [mm]')
-    in_mm(axes)
-    axes.grid(visible=False)
+    m = design.additional_disc
+    drawn = _map(axes, design, (m.x, m.y, MICRO * m.largest))
+    if m.best is not None:
+        axes.add_patch(Circle(m.best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
+        axes.plot(*m.best[:2], '+', ms=9, color=SERIES[1], mew=2)
     figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
-    return draw.as_svg(
-        figure, 'additional_disc', 'largest standard deviation of the tip by the place of one additional disc'
-    )
-
-
-def _discs(axes: Axes, cell: Cell) -> None:
-    for disc in cell.discs:
-        draw.draw_object(axes, disc, INK, width=1.1)
+    what = 'largest standard deviation of the tip by the place of one additional disc'
+    return draw.as_svg(figure, 'additional_disc', what)
 
 
 def design_document(design: Design) -> dict[str, Any]:
