@@ -40,7 +40,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS
-from scara_kinetostatic.monitoring.hypotheses import Causes, explanations, hypotheses_of
+from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
 from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_otherwise, measure, p_values
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
@@ -207,8 +207,9 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     causes = Causes()
     if p_value < LEVEL:
         others = {*range(state.values)} - {*tested}
-        ranking = explanations(evidence, state, [h for h in hypotheses_of(state) if not {*h.places} & others])
-        total = evidence.ratio(sorted({*tested, *ranking[0].hypothesis.places}))
+        hypotheses = [h for h in hypotheses_of(state) if not {*h.places} & others]
+        ranking = ranked(hypotheses, evidence, state)
+        total = evidence.ratio(sorted({*tested, *ranking[0].places}))
         causes = Causes.of(ranking, (total.statistic, total.freedoms, noise))
     found = dict(zip(tested, (state.scale[tested] * [test.change, test.std]).T.tolist(), strict=True))
     parameters = []

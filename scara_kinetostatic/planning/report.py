@@ -59,7 +59,7 @@ def number_picture(design: Design) -> Markup:
 def tip_picture(design: Design) -> Markup:
     """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
     figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
-    robot, q, columns = design.robot, design.requirements, 49
+    robot, q, columns = design.robot, design.requirements, 48
     x, y, _, possible = region_grid(robot.parameters, robot.cell, columns)
     tip = tip_in_use(robot, q.load, columns)
     values = np.full(possible.shape, np.nan)
