@@ -6,7 +6,7 @@
 Simulated by this package: the paper's cell with 72 touches for each calibration; *declared*: discs known to 15 µm in
 place and 5 µm in radius, the tip's radius to 5 µm, gain of the force sensor to 0.5 %, its rotation to 1 mrad; *exact*:
 all that is exactly known, noise alone; *nominal values*: as declared, and l1, theta1 and p_ee trusted to 5 µm, 20 µrad
-and 0.2 µm/N, the errors of these drawn from that; *noise estimated*: from the residuals. Every calibration has its own errors
+and 0.2 µm/N, their errors drawn from that; *noise estimated*: from the residuals. Every calibration has its own errors
 of the cell, and its touches of production are made in that cell. A change is one of 5 standard uncertainties of the
 parameter, up or down at random. A *bad touch* is one of 2 %, its joint angles off by 0.1, 0.3 or 1 mrad.
 
