@@ -54,6 +54,24 @@ def test_loops_are_those_of_hysteresis(run, tmp_path):
     assert page.count('<svg') == 1 + 2
 
 
+def test_no_compliance_is_stated_where_no_law_is_complete(run, tmp_path):
+    """Half as stiff in one sense as in the other: the law that fits best has a compliance of neither."""
+    (tmp_path / 'loops.csv').write_text(loops(stiffer=2.0))
+    result = run('dial-gauge', 'loops.csv', '--out', 'result')
+    said = ' '.join(result.out.split())
+    assert 'loops.csv: no law is complete, so that compliance and gap are not determined.' in said
+    assert (
+        said.startswith('Compliance and backlash: not determined')
+        and 'after: fit only' in said
+        and 'this is no compliance and no gap of the joint' in said
+    )
+    document = json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
+    (record,) = document['hysteresis']['records']
+    assert record['p_value_after'] < 0.005
+    assert {each['std'] for law in record['parameters'].values() for each in law.values()} == {None}
+    assert 'class="verdict bad"' in (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
+
+
 def test_json_on_stdout_is_that_of_the_file(run, tmp_path):
     (tmp_path / '<b>&$.csv').write_text(ONE.replace('displacement_um', 'displacement_um;what'))
     printed = json.loads(run('dial-gauge', '<b>&$.csv', '--json', '--out', 'result').out)
