@@ -49,9 +49,8 @@ def number_picture(design: Design) -> Markup:
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
     for axis, ticks in ((axes.xaxis, c.touches.tolist()), (axes.yaxis, _TICKS)):
-        axis.set_major_locator(FixedLocator(list(ticks)))
-        axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(lambda value, _: f'{value:g}')
+        axis.set(major_locator=FixedLocator(list(ticks)), minor_locator=NullLocator())
+        axis.set_major_formatter('{x:g}')
     axes.legend(frameon=False)
     return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
 
@@ -278,33 +277,29 @@ def disc_sentence(design: Design) -> str:
 
 def parameter_table(design: Design) -> Table:
     """Predicted standard deviations of the parameters: the recommended set, and touches evenly distributed."""
-    rows = [design.row, design.tables['levels'][-1]]
-    heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
+    both = zip(design.row.prediction.std, design.tables['levels'][-1].prediction.std, strict=True)
     body = []
-    for k, name in enumerate(design.robot.parameters.names):
+    for name, stds in zip(design.robot.parameters.names, both, strict=True):
         unit, per_si = SCALES[name]
-        values = (row.prediction.std[k] * per_si for row in rows)
-        body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))
+        body.append((name, unit, *(f'{std * per_si:.3g}' if np.isfinite(std) else 'not determined' for std in stds)))
+    heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     return Table(heading, ('',) * 4, tuple(body))
 
 
 def plan_table(design: Design) -> Table:
     """The recommended touches in their order."""
-    plan, leverage = design.plan, design.row.prediction.leverage
-    rows = tuple(
-        (
-            str(k),
-            design.robot.cell.discs[plan.disc[k]].name,
-            f'{np.degrees(plan.angle[k]):.0f}',
-            'left' if plan.posture[k] > 0 else 'right',
-            f'{plan.force[k]:g}',
-            f'{100 * leverage[k]:.0f}',
-            micrometres(design.without_each[k]),
-        )
-        for k in range(len(plan))
+    plan, discs = design.plan, design.robot.cell.discs
+    columns = (
+        ('touch', '', [str(k) for k in range(len(plan))]),
+        ('disc', '', [discs[number].name for number in plan.disc]),
+        ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
+        ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
+        ('force', 'N', [f'{force:g}' for force in plan.force]),
+        ('leverage', '%', [f'{100 * share:.0f}' for share in design.row.prediction.leverage]),
+        ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
-    heading = ('touch', 'disc', 'angle', 'posture', 'force', 'leverage', 'tip without it')
-    return Table(heading, ('', '', '°', '', 'N', '%', 'µm'), rows)
+    headings, units, cells = zip(*columns, strict=True)
+    return Table(headings, units, tuple(zip(*cells, strict=True)))
 
 
 def number_table(design: Design) -> Table:
