@@ -156,7 +156,7 @@ class DemoClient(AbstractContextManager['DemoClient']):
             self._check()
             if monotonic() > end:
                 raise InputError('demo', f'waited {timeout:.0f} s for {what}', 'is the machine overloaded?')
-            self._executor.spin_once(timeout_sec=0.1)
+            self._executor.spin_once(timeout_sec=0.01)
 
     def call(self, service: str, service_type: type, request: Any, timeout: float) -> Any:
         """Calls a service and gives its answer.

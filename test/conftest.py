@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinematics import forward, jacobian
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.results import report
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -42,11 +44,8 @@ GROWN = 1e-4
 """By which the radius of the second disc is larger than the cell says, m."""
 TURN = 0.015
 """By which the forces are turned, rad."""
-OFF_NORMAL = 0.06
-"""Standard deviation of forces that lean, rad."""
 
 Make = Callable[..., Outcome]
-Play = Callable[[TouchSet], TouchSet]
 
 
 def conclude_outcome(touches: TouchSet, cell: Cell, warnings: tuple[str, ...] = (), **fixed: float) -> Outcome:
@@ -89,12 +88,18 @@ def leaking(touches: TouchSet) -> TouchSet:
     return touches.replace(joints=joints)
 
 
-def off_normal_fit(touches: TouchSet) -> TouchSet:
-    """Every force turned by an angle of its own."""
-    angle = np.random.default_rng(0).normal(0.0, OFF_NORMAL, len(touches))
-    x, y = touches.force.T
-    turned = [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y]
-    return touches.replace(force=np.stack(turned, axis=-1))
+@contextmanager
+def page_left_out() -> Iterator[None]:
+    """The page of a calibration, which takes most of the time, is not drawn."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, 'html_text', lambda _: 'page')
+        yield
+
+
+@pytest.fixture
+def without_page() -> Iterator[None]:
+    with page_left_out():
+        yield
 
 
 @pytest.fixture(scope='session')
@@ -151,9 +156,3 @@ def ambiguous() -> Outcome:
 def unnamed() -> Outcome:
     """An effect that nobody listed."""
     return conclude_outcome(leaking(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)
-
-
-@pytest.fixture(scope='session')
-def rough() -> Outcome:
-    """Friction that takes either sense and any size."""
-    return conclude_outcome(off_normal_fit(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)

@@ -518,8 +518,8 @@ def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
 
 
 def averaged(c: Calibration, rivals: Sequence[Calibration], weights: Sequence[float]) -> Calibration:
-    """A fit with the scatter of its rivals in the covariance of its L̄, and what they are less certain of than it is:
-    the likelihood of the sizes then has several maxima, one for each.
+    """A fit at the mean L̄ of its rivals, with their scatter in its covariance, and what they are less certain of than
+    it is: the likelihood of the sizes then has several maxima, one for each. All else follows L̄ as the touches have it.
 
     Args:
         c: the fit.
@@ -528,10 +528,22 @@ def averaged(c: Calibration, rivals: Sequence[Calibration], weights: Sequence[fl
     """
     if len(rivals) < 2:
         return c
-    count, theirs, part = c.model.base_count, c.covariance.copy(), np.array(weights) / np.sum(weights)
-    off = np.array([rival.parameters.as_array() - c.parameters.as_array() for rival in rivals])
+    values, part = [rival.parameters.as_array() for rival in rivals], np.array(weights) / np.sum(weights)
+    count, everything = c.model.base_count, c.covariance_with_errors
+    std = np.sqrt(np.diag(everything)[:count])
+    unit = np.where(std > 0, std, 1.0)
+    inverse = np.linalg.pinv(everything[:count, :count] / np.outer(unit, unit), rcond=1e-9, hermitian=True)
+    change = everything[:, :count] / unit @ inverse @ ((part @ values - c.parameters.as_array()) / unit)
+    of_model, errors, random = np.split(change, np.cumsum([len(c.model.names), len(c.errors)]))
+    moved = replace(
+        c,
+        model=c.model.with_array(c.model.as_array() + of_model),
+        errors=c.errors + errors,
+        random_values=c.random_values + random,
+    )
+    c, theirs = _closer(c, moved)[0], c.covariance.copy()
     theirs[:count, :count] = np.tensordot(part, [rival.covariance[:count, :count] for rival in rivals], 1)
-    return _with_scatter(c, RIVALS, off, part, theirs)
+    return _with_scatter(c, RIVALS, values - c.parameters.as_array(), part, theirs)
 
 
 def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:

@@ -68,14 +68,6 @@ def test_eight_touches_check_nothing() -> None:
     assert found.actions[0].startswith('record more touches')
 
 
-def test_radii_all_short_are_named() -> None:
-    short = replace(PAPER_CELL, discs=tuple(disc._replace(radius=disc.radius - 1e-3) for disc in PAPER_CELL.discs))
-    found = calibrate_touches(touch(), short).assessment
-    assert found.grade is Grade.UNFIT
-    assert found.reasons[0].startswith('all radii are stated 0.9')
-    assert not any('g_ee is negative' in reason for reason in found.reasons)
-
-
 def test_one_force_level_and_one_posture_are_an_extrapolation() -> None:
     found = calibrate_touches(touch(default_plan(PAPER_CELL, 8, levels=(40.0,))), PAPER_CELL).assessment
     assert found.grade is Grade.CAUTION

@@ -141,9 +141,10 @@ def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, 
     assert mistake.statement.startswith('the reading of joint 2 contains ')
     assert float(mistake.statement.split()[6]) == pytest.approx(part, abs=1e-4)
     assert f'set robot.coupling to {mistake.statement.split()[6]}' in mistake.action
-    of_arrays = find_mistake(given, cell)
-    assert not of_arrays.in_cell
-    assert float(of_arrays.action.split()[3]) == pytest.approx(part - stated, abs=1e-4)
+    if stated:
+        of_arrays = find_mistake(given, cell)
+        assert not of_arrays.in_cell
+        assert float(of_arrays.action.split()[3]) == pytest.approx(part - stated, abs=1e-4)
 
 
 @pytest.mark.parametrize(('stated', 'true'), [((1, 1), (-1, 1)), ((1, -1), (-1, 1))])
@@ -179,6 +180,7 @@ def test_a_forgotten_tip_is_named(touches, robot, length):
 
 
 @pytest.mark.parametrize('short', [3e-4, 1e-3])
+@pytest.mark.usefixtures('uncoupled')
 def test_radii_that_are_all_short_are_named_by_the_calibration(touches, short):
     cell = discs(lambda d: d._replace(radius=d.radius - short))(PAPER_CELL)
     calibration = calibrate(touches['paper'], cell)
@@ -189,6 +191,7 @@ def test_radii_that_are_all_short_are_named_by_the_calibration(touches, short):
     assert find_mistake(touches['paper'], declared, calibration) is None
 
 
+@pytest.mark.usefixtures('uncoupled')
 def test_diameters_of_equal_discs():
     cell = discs(lambda d: d._replace(radius=0.05))(PAPER_CELL)
     given = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell, 5), seed=1)
@@ -196,6 +199,7 @@ def test_diameters_of_equal_discs():
     assert 'or each is the diameter of its disc' in find_mistake(given, stated).statement
 
 
+@pytest.mark.usefixtures('uncoupled')
 def test_swapped_names_and_centers(touches):
     given = touches['paper']
     named = given.replace(disc=np.array([1, 0, 2])[given.disc])
@@ -223,6 +227,7 @@ def test_remedies_depend_on_what_holds_the_touches(touches):
     assert mistake.action == 'set robot.joint_names to [joint2, joint1]'
 
 
+@pytest.mark.usefixtures('uncoupled')
 def test_a_gross_mistake_is_an_error_before_anything_is_fitted(touches):
     given = touches['paper']
     cell = OF_CELL['x and y are swapped in the centers of all discs'](PAPER_CELL)
@@ -252,6 +257,7 @@ def test_a_disc_far_from_its_place_that_the_fit_corrects_asks_for_caution(touche
     assert 'by more than an error of measurement' in ' '.join(outcome.assessment.reasons)
 
 
+@pytest.mark.usefixtures('uncoupled')
 def test_a_disc_that_the_fit_corrects_is_no_mistake(touches):
     off = first_disc(lambda disc: disc._replace(x=disc.x - 0.004))(PAPER_CELL)
     outcome = calibrate_touches(touches['paper'], off)

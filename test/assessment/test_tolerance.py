@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
@@ -15,12 +14,11 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS
 from scara_kinetostatic.calibration.result import Calibration, Contribution
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
-from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item
+from scara_kinetostatic.calibration.uncertainty_budget import Improvement
 from scara_kinetostatic.model.cell import PAPER_CELL as PAPER
 from scara_kinetostatic.model.cell import EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.messages import tip_budget
 from scara_kinetostatic.results.report import numbers, text_report
 
 PAPER_CELL = replace(PAPER, uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)))
@@ -127,17 +125,6 @@ def test_that_no_single_measurement_is_enough_is_said(outcome: Outcome) -> None:
     best = outcome.improvements[0].worst
     assert 'no single measurement meets' in with_tolerance(outcome, 0.5 * best).assessment.actions[0]
     assert 'no single' not in with_tolerance(outcome, 1.01 * best).assessment.actions[0]
-
-
-def test_the_text_has_contributions_in_micrometres_and_rotations_in_mrad(outcome: Outcome) -> None:
-    plate = Item('plate_angle[a]', 2e-3, 'rad', np.zeros(12), 1.2e-3)
-    wide = replace(outcome)
-    vars(wide)['budget'] = (plate,)
-    lines = '\n'.join(tip_budget(wide, most=5).lines())  # type: ignore[union-attr]
-    assert '2 mrad' in lines
-    assert ' 1200 ' in lines
-    assert 'µm' in lines
-    assert 'e+0' not in lines
 
 
 @pytest.mark.parametrize(

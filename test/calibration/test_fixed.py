@@ -69,7 +69,6 @@ def test_wrong_effects(fixed, message):
     ('text', 'fixed'),
     [
         ('object_radius[disc_2]:radius=2e-4', {NAME: 2e-4}),
-        ('encoder_gain[joint2]:gain=2e-3', {'encoder_gain[joint2].gain': 2e-3}),
         ('sensor_rotation:angle=0.02', {'sensor_rotation.angle': 0.02}),
     ],
 )

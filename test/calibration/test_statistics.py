@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.common import CELL, NOISE, ROBOTS
-from benchmark.statistics.bound import linear, size
-from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, run_outliers, with_outliers
+from benchmark.statistics.bound import linear
+from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, run_outliers
 from benchmark.statistics.runs import Task, run_noise, setup_of
 from benchmark.statistics.summary import check_targets, noise_summary, outlier_summary
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -55,30 +55,6 @@ def test_sigmas_that_are_too_small_and_errors_that_are_too_large_are_told(noise_
     verdicts = check_targets({'efficiency': {'wrong': found}, 'coverage': {'wrong': found}})
     assert len(verdicts) == 4
     assert not any(met for _, met in verdicts)
-
-
-def test_the_size_of_a_bad_touch():
-    setup = setup_of('table 2', 12)
-    assert size(CELL, setup.truth, setup.exact, setup.exact, NOISE).max() < 1e-6
-    every, spike = np.arange(len(setup.plan)), Kind(SPIKE, 2.0, 2.0)
-    spiked = size(CELL, setup.truth, with_outliers(setup, every, (spike,), 0), setup.exact, NOISE)
-    assert spiked.max() <= 2.0 / NOISE.force + 1e-9
-    assert np.median(spiked) > 2.0
-    assert np.isinf(size(CELL, setup.truth, with_outliers(setup, every, LARGE[:1], 0), setup.exact, NOISE)).all()
-
-
-def test_a_slipped_touch_is_in_balance():
-    setup = setup_of('figure 4(d)', 12)
-    slipped = with_outliers(setup, np.arange(len(setup.plan)), LARGE[1:2], 0)
-    inward = -setup.plan.normal()
-    along = (slipped.force * inward).sum(axis=1)
-    across = np.abs(inward[:, 0] * slipped.force[:, 1] - inward[:, 1] * slipped.force[:, 0])
-    np.testing.assert_allclose(along, setup.plan.force)
-    assert ((across / along > 0.3) & (across / along < 0.6)).all()
-    off_normal_fit = linear(CELL, setup.truth, slipped).misclosure + CELL.centers[slipped.disc]
-    radius = CELL.radii[slipped.disc, None]
-    tip = off_normal_fit - radius * slipped.force / np.hypot(*slipped.force.T)[:, None]
-    assert np.hypot(*(tip - setup.plan.contact(CELL)).T).max() < 1e-12
 
 
 def test_large_bad_touches_are_named_and_cost_no_more_than_they_must():

@@ -181,12 +181,6 @@ def test_limits_that_leave_hardly_a_place_are_a_mistake(measured: Calibration, l
         workspace(replace(measured, cell=replace(measured.cell, region=REGION, limits=limits)))
 
 
-def test_one_posture_has_one_map() -> None:
-    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, per_disc=24)
-    left = calibrate(touches.select(touches.posture == 1), PAPER_CELL)
-    assert [each.posture for each in tip_uncertainty(left).maps] == [1]
-
-
 def test_where_the_tip_is_not_determined_nothing_is_stated() -> None:
     touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, per_disc=24)
     c = calibrate(touches.select(touches.disc == 0), PAPER_CELL)

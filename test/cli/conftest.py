@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from cli.command import Result, Run
+from conftest import page_left_out
 
+from scara_kinetostatic import pipeline
 from scara_kinetostatic.cli.main import main
-from scara_kinetostatic.results import report
+from scara_kinetostatic.diagnosis.result import Diagnosis
 
 CELL = """\
 robot:
@@ -40,18 +40,10 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
     return command
 
 
-@contextmanager
-def page_left_out() -> Iterator[None]:
-    """The page of a calibration, which takes most of the time, is not drawn."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, 'html_text', lambda _: 'page')
-        yield
-
-
 @pytest.fixture
-def without_page() -> Iterator[None]:
-    with page_left_out():
-        yield
+def undiagnosed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The diagnosis, which takes most of the rest of the time, finds nothing."""
+    monkeypatch.setattr(pipeline, 'diagnose', lambda _: Diagnosis('none', 0.5))
 
 
 @pytest.fixture(scope='session')

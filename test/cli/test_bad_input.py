@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import load_cell
 
-pytestmark = pytest.mark.usefixtures('without_page')
+pytestmark = pytest.mark.usefixtures('without_page', 'undiagnosed')
 
 
 def nothing_new(folder: Path, *known: str) -> None:
@@ -89,13 +88,6 @@ def test_place_that_cannot_be_written(run, recordings, tmp_path, place):
     check(run('simulate', '--out', place, '--plan', recordings / 'few.yaml'), 2, place)
     assert (tmp_path / 'taken').read_text() == 'mine'
     nothing_new(tmp_path, 'taken')
-
-
-def test_a_failed_calibration_leaves_a_former_result(run, recordings, results, tmp_path):
-    shutil.copytree(results / 'a', tmp_path / 'result')
-    before = {path.name: path.read_bytes() for path in (tmp_path / 'result').iterdir()}
-    assert run('calibrate', recordings / 'few', '--out', 'result').status == 3
-    assert {path.name: path.read_bytes() for path in (tmp_path / 'result').iterdir()} == before
 
 
 @pytest.mark.parametrize(

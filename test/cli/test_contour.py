@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.command import refused
-from cli.conftest import CELL, SLOW, page_left_out
+from cli.conftest import CELL, SLOW
+from conftest import page_left_out
 
 from scara_kinetostatic.cli.main import main
 

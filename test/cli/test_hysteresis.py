@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from cli.command import refused
+from cli.test_dial_gauge import ONE as GRIPPER
 from studies.gauge_table import loops
 from studies.load_records import COMPLIANCE, table, torque
 
-STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
+STATES = ((-2.0, 0.3), (-2.6, -0.8))
 """Load and state of friction at the start."""
 
 
@@ -35,7 +36,7 @@ def result_of(folder: Path) -> tuple[dict, str]:  # type: ignore[type-arg]
     return json.loads((folder / 'hysteresis.json').read_text(encoding='utf-8')), page
 
 
-def test_loops(run, tmp_path):
+def test_loops_and_the_same_by_dial_gauge(run, tmp_path):
     name = '<b>&$\\frac$.csv'
     (tmp_path / name).write_text(loops())
     (tmp_path / 'stuck.csv').write_text(loops(slip=1e9))
@@ -63,6 +64,15 @@ def test_loops(run, tmp_path):
     assert page.count('<svg') == 2 * 2
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page
+    (tmp_path / 'gripper.csv').write_text(GRIPPER)
+    result = run('dial-gauge', 'gripper.csv', name, '--out', 'gauge')
+    assert (result.status, result.err) == (0, '')
+    for words in ('Compliance and backlash: Gripper, ', 'Law (6) is not sufficient: Coulomb friction in series'):
+        assert words in ' '.join(result.out.split()), words
+    gauge = json.loads((tmp_path / 'gauge' / 'dial_gauge.json').read_text(encoding='utf-8'))
+    assert list(gauge['parts']) == ['gripper']
+    assert gauge['hysteresis']['records'] == [slips]
+    assert (tmp_path / 'gauge' / 'dial_gauge.html').read_text(encoding='utf-8').count('<svg') == 1 + 2
 
 
 def test_a_torque_over_an_angle_is_said_in_their_units(run, tmp_path):
@@ -90,7 +100,7 @@ def test_slip_under_load_is_named_and_predicts(run, slipping, tmp_path):
     for words in (
         'Driven by their load: the angle is predicted from the torque.',
         'Law (6) is not sufficient: slip in series with memory',
-        '3 records together',
+        '2 records together',
         'Each record predicted from the others',
         'µrad/Nm',
         'other.csv',
@@ -114,7 +124,7 @@ def test_slip_under_load_is_named_and_predicts(run, slipping, tmp_path):
     assert (Path(predicted['file']).name, predicted['unit']) == ('other.csv', 'rad')
     assert predicted['after'] < min(0.1 * predicted['before'], 4e-6)
     assert predicted['from_s'] < 660 / 80
-    assert page.count('<svg') == 2 * 4
+    assert page.count('<svg') == 2 * 3
     assert 'Law (6) is not sufficient: slip in series with memory' in page
     for other in ('force', 'displacement', 'kN', '[mm]'):
         assert other not in re.sub(r'<(svg|style).*?</\1>', '', page, flags=re.DOTALL), other
@@ -144,7 +154,6 @@ RAMP = 'time_s,force_N,displacement_mm\n' + ''.join(f'{k},{k},{2 * k}\n' for k i
         (None, [], 2, 'one.csv: there is no such file'),
         ('time_s,force_N,displacement_mm\n1,1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
         (loops(), ['one.csv'], 2, 'one.csv: is given twice'),
-        (loops(), ['--out', 'one.csv'], 2, 'one.csv'),
         (loops(), ['--predict', 'other.csv'], 2, '--predict: one.csv is driven by its motion'),
         ('time_s,force_N,displacement_mm\n1,1,2\n0,2,3\n', [], 3, 'one.csv: the time does not rise'),
         (RAMP, ['--driven', 'load'], 3, 'one.csv: the load is not at rest at first'),

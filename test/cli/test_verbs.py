@@ -28,6 +28,7 @@ def test_calibrate_writes_and_prints(run, recordings, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['result']
 
 
+@pytest.mark.usefixtures('undiagnosed')
 def test_an_unfit_result_is_an_error_only_if_strict(run, recordings, tmp_path):
     cell = tmp_path / 'cell.yaml'
     cell.write_text((recordings / 'cell.yaml').read_text() + 'tolerance: {tip: 1.0e-6}\n')
@@ -43,6 +44,7 @@ def test_an_unfit_result_is_an_error_only_if_strict(run, recordings, tmp_path):
     assert run('calibrate', recordings / 'good', '--strict').status == 0
 
 
+@pytest.mark.usefixtures('undiagnosed')
 def test_several_recordings_count_as_one(run, recordings, tmp_path):
     cell = ('--cell', recordings / 'cell.yaml')
     assert run('calibrate', recordings / 'good', recordings / 'plain', *cell).status == 0
@@ -54,6 +56,7 @@ def test_several_recordings_count_as_one(run, recordings, tmp_path):
         assert abs(entry['value'] - TRUTH[name]) < 5 * entry['std']
 
 
+@pytest.mark.usefixtures('undiagnosed')
 def test_fix_at_a_value_and_at_the_nominal_one(run, recordings, tmp_path):
     assert run('calibrate', recordings / 'good', '--fix', 'l1=0.3302', '--fix', 'p1').status == 0
     entries = json.loads((tmp_path / 'calibration' / 'calibration.json').read_text(encoding='utf-8'))['parameters']

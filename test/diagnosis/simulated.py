@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from calibration.studies import CELL, NOISE
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
@@ -13,15 +14,12 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-NOISE = Noise(1e-5, 0.3)
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 UNKNOWN_NOISE = replace(CELL, noise=None)
 PLAN = default_plan(CELL, per_disc=18, preload=0.3)
 """108 touches, every other one preloaded beyond its force."""

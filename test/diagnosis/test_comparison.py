@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import GROWN, OFF_NORMAL, conclude_outcome
+from conftest import GROWN, conclude_outcome
 from diagnosis.simulated import CELL, effect, simulate
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.diagnosis import comparison
-from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.model.cell import Noise
 
 FRICTION = 0.05
@@ -106,28 +104,6 @@ def test_the_residual_of_a_curve_is_over_its_variable(unnamed: Outcome) -> None:
     assert found.x_label == 'angle of joint 2  [rad]'
     assert found.y_label == 'deviation of joint 1  [µrad]'
     assert np.corrcoef(found.before, found.expected)[0, 1] > 0.8
-
-
-def test_the_off_normal_angle_of_every_force_is_not_corrected(rough: Outcome) -> None:
-    (found,) = rough.effect_residuals
-    assert found.y_label == 'off-normal angle of the force  [mrad]'
-    np.testing.assert_array_equal(found.before, found.after)
-    assert np.std(found.before / 1e3) == pytest.approx(OFF_NORMAL, rel=0.2)
-    assert np.sqrt(np.mean((found.before / found.std_before) ** 2)) > 3
-    assert np.sqrt(np.mean((found.after / found.std_after) ** 2)) == pytest.approx(1, abs=0.25)
-
-
-def test_comparison_and_residuals_are_estimated_once(ambiguous: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
-    fresh, posed = replace(ambiguous), []
-    monkeypatch.setattr(comparison, 'project', lambda *a: posed.append('comparison') or project(*a))
-    monkeypatch.setattr(comparison, 'pose_problem', lambda c: posed.append('residual') or pose_problem(c))
-    for _ in range(2):
-        assert len(fresh.effect_residuals) == len(fresh.diagnosis.found) > 1
-        assert fresh.comparison.biases[0].name == 'x0'
-    assert sorted(posed) == ['comparison'] * 2 + ['residual'], 'the base model and the extended one'
-    assert fresh.comparison is fresh.comparison
-    with pytest.raises(FrozenInstanceError):
-        fresh.comparison = ambiguous.comparison
 
 
 def test_a_result_is_read_only_short_in_print_and_compared_by_identity(grown: Outcome) -> None:

@@ -10,7 +10,6 @@ from calibration.studies import CELL, NOISE, touches
 from diagnosis.simulated import check_explained, effect, named, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
 from scara_kinetostatic.model.cell import Noise, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
@@ -53,16 +52,6 @@ def test_a_displaced_disc_shows_whether_the_noise_is_known_or_not(noise, move):
         assert 'object_position[disc_2]' in named(found)
 
 
-def test_a_joint_that_lost_its_zero_midway_shows():
-    data = touches(PAPER_ACTUAL, 1)
-    joints = data.joints.copy()
-    joints[36:, 1] += 3e-4
-    found = diagnose(calibrate(data.replace(joints=joints), replace(CELL, noise=None)))
-    assert any('zero of joint 2' in trace.name for trace in found.dependences)
-    assert {'shift[joint2]', 'shift[tool]'} in [set(group) for group in found.rivals]
-    assert all(item.effect.name == 'shift' for item in found.found)
-
-
 def test_exact_data_are_not_unexplained():
     for robot, noise in ((PAPER_ACTUAL, None), (PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0), NOISE)):
         found = calibrate(touches(robot, noise=Noise(0.0, 0.0)), replace(CELL, noise=noise))
@@ -101,23 +90,6 @@ def test_the_test_is_that_of_a_fit_without_the_value():
     expected = abs(free['l1'].value - CELL.nominal.l1) / np.hypot(u, free['l1'].std / np.sqrt(free.enlargement))
     assert test.deviation == pytest.approx(expected, rel=1e-3)
     assert abs(test.off) == pytest.approx(abs(free['l1'].value - CELL.nominal.l1), rel=1e-3)
-
-
-def test_sentences_after_the_first_begin_with_a_capital():
-    assert advice.joined('', 'one thing', '', 'another', 'a third') == 'one thing. Another. A third'
-    assert advice.joined('', '') == ''
-
-
-@pytest.mark.parametrize(
-    ('found', 'said'),
-    [
-        (('a', 'b'), 'these touches cannot distinguish a and b'),
-        (('a', 'b', 'c', 'd', 'e'), 'these touches cannot distinguish a, b, c, d and 1 other'),
-        (tuple('abcdefg'), 'these touches cannot distinguish a, b, c, d and 3 others'),
-    ],
-)
-def test_rivals_are_counted(found, said):
-    assert advice.open_questions('ambiguous', (), (found,), (), (), ()).startswith(said)
 
 
 def test_noise_stated_too_large_neither_masks_nor_creates_an_effect():

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import conclude_outcome
 from diagnosis.simulated import (
     CELL,
     NOISE,
@@ -70,15 +71,21 @@ def test_an_effect_that_made_few_touches_look_bad_is_found():
 
 
 def test_off_normal_angles_of_either_sense_are_friction():
-    fit = calibrate(off_normal_fit(0.08), UNKNOWN_NOISE)
-    assert off_normal_p_value(fit) < 1e-6
-    found = diagnose(fit)
+    outcome = conclude_outcome(off_normal_fit(0.08), UNKNOWN_NOISE)
+    found = outcome.diagnosis
+    assert off_normal_p_value(outcome.calibration) < 1e-6
     assert (found.verdict, named(found)) == ('explained', ['contact_friction'])
     (angle,) = found.found[0].values
     assert angle.name == 'off_normal_angle'
     assert abs(angle.value - 0.08) < 4 * angle.std
     check_parameters(found)
     assert found.extended.noise.force == pytest.approx(NOISE.force, rel=0.6)
+    (shown,) = outcome.effect_residuals
+    assert shown.y_label == 'off-normal angle of the force  [mrad]'
+    np.testing.assert_array_equal(shown.before, shown.after)  # it is not corrected
+    assert np.std(shown.before / 1e3) == pytest.approx(0.08, rel=0.2)
+    assert np.sqrt(np.mean((shown.before / shown.std_before) ** 2)) > 3
+    assert np.sqrt(np.mean((shown.after / shown.std_after) ** 2)) == pytest.approx(1, abs=0.25)
 
 
 def test_the_score_test_of_off_normal_angles_is_calibrated():
@@ -102,16 +109,6 @@ def test_noise_that_grows_with_the_force_is_no_friction():
     assert found.refitted is not None
     assert 0.03 < found.refitted.noise.growth < 0.05
     assert 'grows with the force' in found.advice
-
-
-def test_what_is_found_predicts_the_forces():
-    """The force has jumps over joint 1, which no effect has; a steep curve over the force follows them."""
-    data = simulate(seed=3)
-    data = data.replace(force=data.force * (1 + 0.03 * np.sign(np.sin(7 * data.joints[:, :1]))))
-    calibration = calibrate(data, CELL)
-    found = diagnose(calibration)
-    assert found.verdict == 'unexplained'
-    assert found.extended is None or found.extended.force_error < 1.1 * calibration.force_error
 
 
 def test_a_curve_predicts_touches_that_it_was_not_fitted_to():

@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import mixed_model
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed, with_places
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
 from scara_kinetostatic.diagnosis.restricted_likelihood import large_sizes, posterior, scatter, size_prior
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
@@ -128,8 +128,12 @@ def test_the_prior_of_the_sizes_is_half_t_in_the_logarithm():
 @pytest.mark.parametrize(('factor', 'limits'), [(0.0, (0.0, 0.8)), (3.0, (1.2, 10.0))])
 def test_the_sizes_come_from_the_touches(factor, limits):
     """Of a robot without errors they are smaller than typical, of one with large ones larger."""
-    setup, _, touches = draw(Task('paper', 'all', factor, False, 'estimated', 900))
-    model = fit_mixed(calibrate(touches, setup.cell), catalogue(setup.cell))
+    effects = tuple(effect for effect in catalogue(CELL) if not (effect.is_stepwise or effect.grid_parameter))
+    signs = iter(np.resize([1, -1, -1], 200).tolist())
+    values = tuple(tuple(factor * next(signs) * typical_size(e, k) for k in range(len(e.start))) for e in effects)
+    robot = ExtendedModel(PAPER_ACTUAL, effects, values)
+    touches = simulate_touches(CELL, robot, default_plan(CELL, 18, preload=0.3), seed=4)
+    model = fit_mixed(calibrate(touches, CELL), catalogue(CELL))
     assert limits[0] < np.exp(model.solved.logs[-1]) < limits[1]
 
 
@@ -274,3 +278,21 @@ def test_places_on_a_grid_count_by_their_scatter():
     assert more[x0, x0] == pytest.approx(0.5e-6, rel=0.01)
     assert more[x0, cycles] == pytest.approx(0.5 * 0.4e-3, rel=0.01)
     assert not more[NAMES.index('l1')].any()
+
+
+def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
+    cell = replace(CELL, uncertainty=replace(CELL.uncertainty, force_rotation=2e-3))
+    displaced = [find(cell, f'object_position[{name}]') for name in ('disc_1', 'disc_2')]
+    robot = ExtendedModel(PAPER_ACTUAL, tuple(displaced[:1]), ((8e-5, -5e-5),))
+    c = calibrate(simulate_touches(cell, robot, default_plan(cell, 12, preload=0.3), cell.noise, 4), cell)
+    union, *rivals = (
+        fit_mixed(c, catalogue(cell), ExtendedModel(c.parameters, tuple(named), ((0.0, 0.0),) * len(named)))
+        for named in (displaced, displaced[:1], displaced[1:])
+    )
+    values = [rival.fit.parameters.as_array() for rival in rivals]
+    found = averaged(union.fit, [rival.fit for rival in rivals], [3.0, 1.0])
+    np.testing.assert_allclose(found.parameters.as_array(), 0.75 * values[0] + 0.25 * values[1], rtol=0, atol=1e-12)
+    assert np.abs((values[0] - values[1]) / union.fit.std).max() > 1  # they do not agree
+    assert found.force_error < 1.05 * max(rival.fit.force_error for rival in rivals)
+    assert (np.abs(np.array(values) - found.parameters.as_array()) < 2.5 * found.std).all()
+    assert averaged(union.fit, [rivals[0].fit], [1.0]) is union.fit

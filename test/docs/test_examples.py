@@ -18,6 +18,7 @@ RUN = [page for page in pages() if is_run(page)]
 
 
 @pytest.mark.parametrize('page', RUN, ids=lambda page: page.stem)
+@pytest.mark.usefixtures('without_page')
 def test_examples(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -236,10 +236,3 @@ def test_the_sensor_turns_or_shifts_what_it_reports():
     np.testing.assert_allclose(shifted, [[11.0, -2.0], [1.0, -22.0]])
     turned = force + SensorRotation().sensor_error(force, np.array([np.pi / 2]))
     np.testing.assert_allclose(turned, [[0.0, 10.0], [20.0, 0.0]], atol=1e-12)
-
-
-def test_of_effects_of_a_disc_the_others_feel_nothing():
-    for number, disc in enumerate(CELL.discs):
-        for effect, k in ((ObjectPosition.of(number, disc.name), 2), (ObjectRadius.of(number, disc.name), 1)):
-            place = effect.shift(SCENE.touch_state, np.ones(k)).place
-            assert np.array_equal(place.any(axis=1), SCENE.metadata.disc == number)

@@ -13,7 +13,6 @@ from calibration.studies import CELL
 from effects.scenes import press
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.effects import registry
 from scara_kinetostatic.effects.registry import GROUP, catalogue, find
 
@@ -141,15 +140,6 @@ def test_a_broken_one_is_one_line_that_names_its_package_and_the_rest_works(site
     assert problem in line
     assert 'left out' in line
     assert '\n' not in line
-
-
-def test_the_command_finds_it(site, tmp_path, capsys):
-    site('ripple', 'ripple_command', EFFECT.format(name='stiffness_ripple'), 'StiffnessRipple')
-    options = ['--per-disc', '3', '--joint-rate', '20', '--wrench-rate', '25']
-    out = str(tmp_path / 'recording')
-    assert main(['simulate', '--out', out, '--effect', 'stiffness_ripple[joint2]:a=2e-5', *options]) == 0
-    assert main(['simulate', '--out', out, '--effect', 'stiffness_ripple[joint2]:b=2e-5', *options]) == 2
-    assert 'stiffness_ripple[joint2] are a (rad/Nm; compliance beyond the mean)' in capsys.readouterr().err
 
 
 def test_a_broken_one_is_a_line_on_stderr_of_a_process(site):

@@ -222,10 +222,7 @@ def with_sizes(text: str) -> str:
         (changed('l1: 0.33, ', '').replace('l2: 0.33,', ''), "robot.nominal: the keys 'l1', 'l2' are missing"),
         (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
         (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
-        (
-            changed('  sign: on_object', '  time_offset: 5.0e+9\n  sign: on_object'),
-            'time_offset: expected -4e+09 to 4e+09 s',
-        ),
+        (changed('  sign: on', '  time_offset: 5.0e+9\n  sign: on'), 'time_offset: expected -4e+09 to 4e+09 s'),
         (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
         (changed('radius: 0.15', 'radius: "0.15"'), 'objects[0].radius: expected a number'),
         (changed('radius: 0.15', 'radius: .nan'), 'objects[0].radius: expected a finite number'),
@@ -243,10 +240,7 @@ def with_sizes(text: str) -> str:
         (changed('joint: 1.0e-5', 'joint: [1.0e-5]'), 'noise.joint: expected [joint 1, joint 2], got [1e-05]'),
         (changed('force: 0.3', 'force: [0.3, 0]'), 'noise.force.y: expected 1e-12 to 100 N, got 0'),
         (changed('force: 0.3', 'force: 0.3, force_relative: 1'), 'noise.force_relative: expected 0 to 0.2, got 1'),
-        (
-            changed('{joint: 1.0e-5, force: 0.3}', '{joint: 1.0e-5}'),
-            'noise: force is missing; joint and force are given together',
-        ),
+        (changed(', force: 0.3}', '}'), 'noise: force is missing; joint and force are given together'),
         (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
         (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap by 0.0882 m"),
         (changed('[0.20, 0.40]', '[0.70, 0.40]'), "disc 'disc_2' is out of reach"),
@@ -257,14 +251,8 @@ def with_sizes(text: str) -> str:
         (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' covers the base"),
         (changed('[joint1, joint2]', '[joint1, joint1]'), "both joints are named 'joint1'"),
         (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected the two names'),
-        (
-            changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: belt'),
-            "robot.coupling: expected a number, got 'belt'",
-        ),
-        (
-            changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: 4.75'),
-            'robot.coupling: expected -2 to 2, got 4.75; it is a',
-        ),
+        (changed('joint2]', 'joint2]\n  coupling: belt'), "robot.coupling: expected a number, got 'belt'"),
+        (changed('joint2]', 'joint2]\n  coupling: 4.75'), 'robot.coupling: expected -2 to 2, got 4.75; it is a'),
         (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names.q1: expected a string, got 1'),
         (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
         (changed('/wrench ', '/my wrench '), "'/my wrench' is not a topic name"),
@@ -312,10 +300,7 @@ def test_invalid_descriptions_are_refused(text: str, expected: str) -> None:
 
 
 def test_touching_discs_are_fine() -> None:
-    text = changed('[0.20, 0.40]', '[-0.05, 0.30]').replace(
-        '  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}\n', ''
-    )
-    cell = parse_cell(text)
+    cell = parse_cell(changed('[0.20, 0.40]', '[-0.05, 0.30]').replace(DISC_3, ''))
     assert np.isclose(np.linalg.norm(cell.centers[1] - cell.centers[0]), cell.radii.sum())
 
 

@@ -100,20 +100,13 @@ QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
         (('', ''), {'tip': 'upper_link'}, "elbow does not move link 'upper_link'; it is moved by shoulder"),
         (('', ''), {'at': {'quill': 0.5}}, 'quill at 0.5 is beyond its limits, 0 to 0.2; state another'),
         (('', ''), {'at': {'elbow': 0.5}}, '--at elbow: it is not a joint to be held'),
-        (
-            ('joint name="quill" type="prismatic"', 'joint name="quill" type="continuous"'),
-            {'at': {'quill': -90}},
-            '--at quill=-90 is beyond a turn; in degrees? Give rad: -1.5708',
-        ),
+        (('"quill" type="prismatic"', '"quill" type="continuous"'), {'at': {'quill': -90}},
+         '--at quill=-90 is beyond a turn; in degrees? Give rad: -1.5708'),
         (('', ''), {'sensor': 'frame'}, "link 'frame' is not moved by elbow; name the link of the sensor"),
         (('xyz="0.3 0.02 0.03"', 'xyz="0 0 0.03"'), {}, 'the axes of both joints are one: a link of length zero'),
         ((ELBOW, ELBOW.replace('0 0 -1', '0 1 -1')), {}, 'are 45 degrees from parallel; choose two parallel'),
         ((QUILL, '<mimic joint="elbow"/>' + QUILL), {}, "joint 'quill' on the way to 'tool' mimics elbow"),
-        (
-            ('"frame"/>\n    <child link="upper_link"', '"tool"/>\n    <child link="upper_link"'),
-            {},
-            "above 'fore_link' go round in a loop",
-        ),
+        ((BENEATH, BENEATH.replace('frame', 'tool')), {}, "above 'fore_link' go round in a loop"),
         (('link="tool"', 'link="upper_link"'), {}, "'upper_link' hangs on two joints, shoulder and flange: a loop"),
         (('xyz="0.3 0.02', 'xyz="0.3 nan'), {}, "joint 'elbow' has no axis, or a number that is not finite"),
         ((ELBOW, ELBOW.replace('0 0 -1', '0 0 0')), {}, "joint 'elbow' has no axis"),
@@ -125,7 +118,7 @@ QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
         (('joint name="flange"', 'joint name="quill"'), {}, 'two of its joints have one name; give each its own'),
         (('<axis xyz="0 0 1"/>', '<origin/><axis xyz="0 0 1"/>'), {}, "joint 'shoulder' has one of its elements twice"),
     ],
-)
+)  # fmt: skip
 def test_what_makes_no_arm_is_one_line(change: tuple[str, str], given: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words.replace('(', r'\(').replace('?', r'\?')) as caught:
         described(SCARA.replace(*change), **given)
@@ -191,17 +184,12 @@ def test_a_scara_that_hangs_is_level_whatever_its_urdf_rounds(turn: str) -> None
     text, notes = described(SCARA.replace('rpy="0 0 0.3"', f'rpy="{turn}"'))
     cell = cell_of(text)
     assert not cell.nominal.has_gravity and 'gravity is across the plane' in notes[-1] and 'none in it' in notes[-1]
-    assert abs(cell.plane.x[2]) < 2e-3 and ('degrees' in notes[-1]) == (
-        turn in ('0 3.1415 0', '3.14 0 0.3', '3.14159 0 0')
-    )
+    assert abs(cell.plane.x[2]) < 2e-3 and ('degrees' in notes[-1]) == (turn != '3.141592653589793 0 0')
 
 
 def test_a_link_without_a_mass_has_no_moment_to_trust() -> None:
     text = SCARA.replace('rpy="0 0 0.3"', 'rpy="1.5707963267948966 0 0"')
-    bare = text.replace(
-        '<link name="fore_link"><inertial><mass value="2"/><origin xyz="0.1 0 0"/></inertial></link>',
-        '<link name="fore_link"/>',
-    )
+    bare = text.replace('<inertial><mass value="2"/><origin xyz="0.1 0 0"/></inertial>', '')
     assert set(cell_of(described(text)[0]).uncertainty.nominal) == {'s1', 's2'}
     assert set(cell_of(described(bare)[0]).uncertainty.nominal) == {'s1'}
     with pytest.raises(InputError, match=r"the mass of link 'fore_link' is -2 kg"):

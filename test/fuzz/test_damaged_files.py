@@ -16,7 +16,7 @@ from scara_kinetostatic.files.cell_file import dump_cell
 
 STREAMS = short_streams()
 FORMS = forms(STREAMS, CELL)
-BAGS, CELLS = 24, 100
+BAGS, CELLS = 12, 50
 
 
 @pytest.fixture(autouse=True)

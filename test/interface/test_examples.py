@@ -10,7 +10,6 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic import interface
-from scara_kinetostatic.results import report
 
 NAMES = [name for name in sk.__all__ if not name.startswith('__')]
 
@@ -22,9 +21,8 @@ def examples(name: str) -> list[doctest.DocTest]:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_an_example_runs(name, in_example_files, calibrated, monkeypatch):
+def test_an_example_runs(name, in_example_files, calibrated, without_page, monkeypatch):
     monkeypatch.setattr(interface, 'calibrate_recordings', calibrated)
-    monkeypatch.setattr(report, 'html_text', lambda _: 'page')  # drawn in the test below
     (found,) = examples(name)
     assert found.examples, f'{name} has no example'
     assert 'import scara_kinetostatic as sk' in found.examples[0].source
@@ -33,7 +31,7 @@ def test_an_example_runs(name, in_example_files, calibrated, monkeypatch):
     assert not lines, ''.join(lines)
 
 
-def test_the_lines_of_the_package_run(in_example_files, capsys):
+def test_the_lines_of_the_package_run(in_example_files, without_page, capsys):
     code = inspect.getdoc(sk).split('::\n\n', 1)[1].split('\nWhat `__all__`')[0]
     lines = [line[4:] for line in code.splitlines()]
     assert sum(bool(line.strip()) for line in lines) <= 22

@@ -19,15 +19,9 @@ from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import G_EE, P_EE
 
 EFFECTS = (
-    '',
-    'transmission_error[joint1]',
-    'anisotropic_backlash',
-    'base_compliance',
-    'joint_hardening[joint2]',
-    'joint_coupling[joint1]',
-    'cable_pull[joint2]',
-    'tip_shape[three-lobed]',
-)
+    '', 'transmission_error[joint1]', 'anisotropic_backlash', 'base_compliance', 'joint_hardening[joint2]',
+    'joint_coupling[joint1]', 'cable_pull[joint2]', 'tip_shape[three-lobed]',
+)  # fmt: skip
 
 
 @pytest.fixture(scope='module')
@@ -117,20 +111,11 @@ def test_a_gripper_that_is_not_isotropic_is_refused(arm: CalibratedArm) -> None:
 
 @pytest.mark.parametrize('frame', list(SensorFrame))
 def test_the_errors_of_the_sensor_are_removed(arm: CalibratedArm, frame: SensorFrame) -> None:
-    effect = find(PAPER_CELL, 'sensor_bias')
-    model = ExtendedModel(arm.model.parameters, (effect,), (effect.typical,))
-    size, cell = len(model.names), replace(PAPER_CELL, sensor=PAPER_CELL.sensor._replace(frame=frame))
-    biased = replace(
-        arm,
-        cell=cell,
-        model=model,
-        covariance=np.eye(size),
-        undetermined=np.zeros((size, 0)),
-        sensor=SensorErrors(gain=0.01, rotation=0.02),
-    )
+    cell = replace(PAPER_CELL, sensor=PAPER_CELL.sensor._replace(frame=frame))
+    biased = replace(with_effect(arm, 'sensor_bias'), cell=cell, sensor=SensorErrors(gain=0.01, rotation=0.02))
     joints, force = np.array([[0.4, 1.1], [-1.0, -0.7]]), np.array([[20.0, -5.0], [3.0, 17.0]])
     own = in_sensor_frame(biased, force, joints)
-    reported = 1.01 * rotate(reported_force(model, own), np.full(2, 0.02))
+    reported = 1.01 * rotate(reported_force(biased.model, own), np.full(2, 0.02))
     np.testing.assert_allclose(force_on_object(biased, reported, joints), force, rtol=0, atol=1e-9)
     one = OnlineArm(biased).true_force(*joints[0], *reported[0])
     assert one == pytest.approx(tuple(force[0]), abs=1e-9)

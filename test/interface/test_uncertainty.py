@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 4.0]])
@@ -121,16 +123,15 @@ def test_an_effect_of_time_needs_the_time():
 
 def test_an_effect_of_the_load_before_takes_none_and_says_so():
     cell = replace(CELL, noise=sk.Noise(1e-5, 0.3))
-    slip = 'joint_slip[joint1]'
-    outcome = sk.diagnose(sk.simulate(cell, sk.PAPER_ACTUAL, effects=f'{slip}:compliance=1e-4,slip_torque=1.5'), cell)
-    assert list(outcome.effects) == [slip]
-    compliance, slip_torque = (outcome.effects[slip][name].value for name in ('compliance', 'slip_torque'))
+    touches = sk.simulate(cell, sk.PAPER_ACTUAL, effects='joint_slip[joint1]:compliance=1e-4,slip_torque=1.5')
+    start = ExtendedModel(cell.nominal, (find(cell, 'joint_slip[joint1]'),), ((8e-5, 1.3),))
+    fit = sk.calibrate(touches, cell, start=start)
+    compliance, slip_torque = fit.model.effect_arrays[0].tolist()
     with pytest.warns(UserWarning, match=r'joint_slip\[joint1\] depends on the load before, which is not given'):
-        angles = sk.compensate(outcome, [0.3, 0.2], [0.0, 30.0], elbow='right')
+        angles = sk.compensate(fit, [0.3, 0.2], [0.0, 30.0], elbow='right')
     with pytest.warns(UserWarning, match='no preload'):
-        assert sk.locate(outcome, angles.joints, [0.0, 30.0]).position == pytest.approx(np.array([[0.3, 0.2]]))
-    base = outcome.final.parameters
-    plain = inverse_kinetostatics(base, [[0.3, 0.2]], [[0.0, 30.0]], -1)[0]
+        assert sk.locate(fit, angles.joints, [0.0, 30.0]).position == pytest.approx(np.array([[0.3, 0.2]]))
+    plain = inverse_kinetostatics(fit.parameters, [[0.3, 0.2]], [[0.0, 30.0]], -1)[0]
     torque = angles.torques[0, 0]
     lag = compliance * np.sign(torque) * (abs(torque) - slip_torque)
     assert angles.joints[0, 0] - plain[0, 0] == pytest.approx(lag, rel=0.15)

@@ -6,16 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibration.studies import CELL
 
 from scara_kinetostatic.bags.writer import write_streams
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings, gather_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import Detection, Episode, no_touches, order_in_time
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 LATER = replace(PAPER_ACTUAL, x0=PAPER_ACTUAL.x0 + 1.5e-4)
 
 

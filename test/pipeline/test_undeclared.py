@@ -7,21 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pipeline.undeclared import ALL, cell_of, declares_nothing, make, outcome_of, path_of, true_robot
+from pipeline.undeclared import ALL, cell_of, make, outcome_of, path_of, true_robot
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.unnamed import Unnamed
 
 RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])
-
-
-@RECORDINGS
-def test_nothing_declares_the_effect(name):
-    effects = true_robot(name, cell_of(name)).effects
-    assert len(effects) == 1
-    assert declares_nothing(name, effects[0].name, largest=1_000_000)
-    assert (cell_of(name).noise is None) == (name == 'undeclared_b')
 
 
 @RECORDINGS

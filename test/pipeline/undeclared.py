@@ -82,12 +82,6 @@ def outcome_of(name: str, estimated: bool = False) -> Outcome:
     return calibrate_recordings([path_of(name)], replace(cell, noise=None) if estimated else cell)
 
 
-def declares_nothing(name: str, *words: str, largest: int) -> bool:
-    """Whether a small recording holds none of some words."""
-    content = path_of(name).read_bytes().lower()
-    return 0 < len(content) < largest and not any(word.encode() in content for word in ('effect', 'truth', *words))
-
-
 def make(recording: Undeclared, folder: Path) -> Path:
     """Make one of the recordings in a folder."""
     out = folder / f'{recording.name}.mcap'

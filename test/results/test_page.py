@@ -57,7 +57,13 @@ def parse(page: str) -> Reader:
 
 @pytest.fixture(scope='module')
 def page(nasty: Outcome) -> str:
-    return html_text(nasty)
+    """Of a robot and of recordings that are identified."""
+    known = Identification(robot='TS60 <b>', serial_number='0047', operator='Ä. Sato', customer='ACME')
+    cell = replace(nasty.calibration.cell, identification=known)
+    start = datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)
+    recordings = Recording('a/monday', '0' * 64, start), Recording('touches.csv', '1' * 64, None)
+    calibration = replace(nasty.calibration, cell=cell)
+    return html_text(replace(nasty, calibration=calibration, recordings=recordings, created=start))
 
 
 @pytest.fixture(scope='module')
@@ -187,17 +193,8 @@ def test_the_answer_comes_first_and_the_appendix_last(page: str) -> None:
     assert places == sorted(places)
 
 
-def test_head_says_what_was_calibrated_by_whom_and_from_what(plain: Outcome) -> None:
-    known = Identification(robot='TS60 <b>', serial_number='0047', operator='Ä. Sato', customer='ACME')
-    cell = replace(plain.calibration.cell, identification=known)
-    start = datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)
-    outcome = replace(
-        plain,
-        calibration=replace(plain.calibration, cell=cell),
-        recordings=(Recording('a/monday', '0' * 64, start), Recording('touches.csv', '1' * 64, None)),
-        created=start,
-    )
-    text = words_of(html_text(outcome))
+def test_head_says_what_was_calibrated_by_whom_and_from_what(page: str) -> None:
+    text = words_of(page)
     assert 'Date 2026-11-21 14:03 UTC Robot TS60 <b>, serial No. 0047 Cell not stated Force sensor not stated' in text
     assert 'Operator Ä. Sato Customer ACME' in text
     assert f'a/monday, 2026-11-21 14:03 UTC, SHA-256 {"0" * 64} Recording touches.csv, SHA-256 {"1" * 64}' in text
