@@ -29,7 +29,7 @@ from scara_kinetostatic.interface import diagnose
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.optimal_design import Design, Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, Tip, loaded_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.prediction import Robot, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -64,13 +64,13 @@ def estimates(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tup
 def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[str, object]:
     """Predicted against scattered, for a robot that is `truth`."""
     robot = Robot.of(CELL, truth)
-    tip: Tip = loaded_tip(robot, make_workspace(robot))
+    tip = tip_in_use(robot, 40.0)[:, :1]
     predicted = predict(robot, plan)
     errors, rejected, lower_rank = estimates(truth, plan, number, balanced)
-    moved = np.einsum('gdik,nk->ngdi', tip.derivative, errors)
+    moved = np.einsum('gdik,nk->ngdi', tip, errors)
     variance = (moved**2).sum(axis=-1).mean(axis=0)[:, 0]
     places = tip_std(tip, predicted).places.ravel()
-    largest, rms = float(np.sqrt(variance.max())), float(np.sqrt(variance @ tip.weight))
+    largest, rms = float(np.sqrt(variance.max())), float(np.sqrt(variance.mean()))
     ratio = errors.std(axis=0, ddof=1) / predicted.std
     tips = {'largest': (tip_std(tip, predicted).largest, largest), 'rms': (tip_std(tip, predicted).rms, rms)}
     tip_off = max(abs(b / a - 1) for a, b in tips.values())

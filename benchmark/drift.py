@@ -6,7 +6,7 @@
 Simulated by this package: the paper's cell with 72 touches for each calibration; *declared*: discs known to 15 µm in
 place and 5 µm in radius, the tip's radius to 5 µm, gain of the force sensor to 0.5 %, its rotation to 1 mrad; *exact*:
 all that is exactly known, noise alone; *nominal values*: as declared, and l1, theta1 and p_ee trusted to 5 µm, 20 µrad
-and 0.2 µm/N, the true ones drawn from that; *noise estimated*: from the residuals. Every calibration has its own errors
+and 0.2 µm/N, their errors drawn from that; *noise estimated*: from the residuals. Every calibration has its own errors
 of the cell, and its touches of production are made in that cell. A change is one of 5 standard uncertainties of the
 parameter, up or down at random. A *bad touch* is one of 2 %, its joint angles off by 0.1, 0.3 or 1 mrad.
 
@@ -66,6 +66,13 @@ OFF = (1e-4, 3e-4, 1e-3)
 """By what, rad."""
 
 
+def drawn(cell: Cell, seed: int) -> Cell:
+    """The cell with nominal values that are off the true ones as it declares them; without any as it is."""
+    random, trusted = np.random.default_rng(seed), cell.uncertainty.nominal.items()
+    off = {name: getattr(PAPER_ACTUAL, name) + std * random.standard_normal() for name, std in trusted}
+    return replace(cell, nominal=PAPER_ACTUAL.replace(**off)) if off else cell
+
+
 def touches_of(cell: Cell, seed: int, world: int, count: int, truth: Parameters = PAPER_ACTUAL) -> TouchSet:
     """Touches of production in a random order."""
     random, parts = np.random.default_rng(seed), []
@@ -113,7 +120,7 @@ class Drift(NamedTuple):
 
 def run(job: Job) -> Any:
     """One job."""
-    cell = (CELLS | ESTIMATED | TRUSTED)[job.cell]
+    cell = drawn((CELLS | ESTIMATED | TRUSTED)[job.cell], job.seed)
     record = record_of(cell, job.seed, job.seed, job.per_disc)
     if job.section in ('alarms', 'bad'):
         touches = touches_of(cell, 1_000_000 + job.seed, job.seed, job.touches)

@@ -48,7 +48,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import prepare_candidates
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
-from scara_kinetostatic.planning.prediction import Robot, Tip, tip_in_use
+from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import next_files
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -82,13 +82,13 @@ class Case(NamedTuple):
 
     planner: Planner
     truth: Robot
-    tip: Tip
+    tip: Floats
 
     def expanded(self, plan: Plan) -> float:
         """Largest expanded uncertainty of the tip with the touches of a plan, m."""
         candidates = prepare_candidates(self.truth, plan, self.tip, mean=True)
         covariance = np.linalg.inv(candidates.information_of(range(len(plan)))) * np.outer(SCALES, SCALES)
-        variance = np.linalg.eigvalsh(self.tip.derivative @ covariance @ self.tip.derivative.swapaxes(-1, -2))
+        variance = np.linalg.eigvalsh(self.tip @ covariance @ self.tip.swapaxes(-1, -2))
         return float(COVERAGE_FACTOR * np.sqrt(variance.max()))
 
 
@@ -245,7 +245,7 @@ def rms_error(one: Case, plan: Plan, runs: int) -> float:
     for seed in range(runs):
         found = calibrate(simulate_touches(cell, truth, plan, seed=seed), cell)
         errors.append(found.parameters.as_array() - truth.as_array())
-    moved = np.einsum('gdik,nk->ngdi', one.tip.derivative, np.array(errors)[:, : len(NAMES)])
+    moved = np.einsum('gdik,nk->ngdi', one.tip, np.array(errors)[:, : len(NAMES)])
     return float(np.sqrt((moved**2).sum(axis=-1).mean()))
 
 

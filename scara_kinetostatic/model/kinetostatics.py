@@ -20,7 +20,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import Gripper, GripperSign, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, joints_under_load, tip_by_joints, tip_by_values
+from scara_kinetostatic.model.tip import Force, Law, joints_under_load
 from scara_kinetostatic.model.touch_equations import Pull, State, pull_of, step_links
 
 
@@ -237,25 +237,3 @@ def _links_from(
 def _change(one: State, other: State) -> Floats:
     """The larger change of both link angles, (n,), rad."""
     return np.asarray(np.maximum(np.abs(one.link1 - other.link1), np.abs(one.link2 - other.link2)))
-
-
-def loaded_tip_by_parameters(
-    parameters: Parameters, tip: Floats, force: Floats, posture: ArrayLike, gripper: Gripper | GripperSign
-) -> Floats:
-    """∂S/∂L̄ at fixed Q and F of loaded poses, with the change of the torques; the gripper is isotropic.
-
-    The sign of a torque counts as constant: on the edges of a dead band the derivatives are one-sided.
-
-    Args:
-        parameters: L̄.
-        tip: S, (n, 2), m, within reach.
-        force: F on the object, base frame, (n, 2), N; not zero.
-        posture: +1 or -1, (n,) or one for all.
-        gripper: the form of (7).
-
-    Returns:
-        (n, 2, 12), in the order of `NAMES`.
-    """
-    law, load = Law(ExtendedModel(parameters), as_gripper(gripper)), Force.of(force)
-    at = joints_under_load(law, tip, load, np.asarray(posture), TouchMetadata.plain(len(tip))).loading
-    return tip_by_values(law, tip_by_joints(at, inverse_of_rows(at, load)), at, load, None)

@@ -33,14 +33,13 @@ import numpy as np
 from scipy.special import erfc
 
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
-from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS
-from scara_kinetostatic.monitoring.hypotheses import Causes, explanations, hypotheses_of
+from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
 from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_otherwise, measure, p_values
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
@@ -69,7 +68,7 @@ def _known_there(known: CalibrationRecord, later: CalibrationRecord) -> Calibrat
     and with those of the other that mean nothing here, as these were found.
     """
     cell = later.arm.cell
-    record = known.without_undetected().in_cell(cell)
+    record = known.in_cell(cell)
     arm, size = record.arm, len(record.arm.model.names)
 
     def model_of(pairs: Sequence[tuple[EffectLaw, tuple[float, ...]]]) -> ExtendedModel:
@@ -83,8 +82,6 @@ def _known_there(known: CalibrationRecord, later: CalibrationRecord) -> Calibrat
     at += [-1] * (len(model.names) - len(at))  # exactly known: the row and column of zeros at the end
     every = [*at, *range(size, len(record.names))]
     covariance, values = np.pad(record.covariance, (0, 1))[np.ix_(every, every)], len(at)
-    moved = _by_undetected(known.undetected, later.undetected, model.names)
-    covariance[:values, :values] += moved @ moved.T
     return replace(
         record,
         arm=replace(
@@ -193,7 +190,7 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
     known, held = both if len(only_before) >= len(only_after) else both[::-1]
     known = _known_there(known, held)
-    state = State.of(known, held.arm.cell)
+    state = State.of(known, held.arm.cell, _by_undetected(*both, known))
     evidence = _evidence(known, held, state)
     if held is before:  # the change from it is asked for
         evidence = evidence._replace(score=-evidence.score)
@@ -207,8 +204,9 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     causes = Causes()
     if p_value < LEVEL:
         others = {*range(state.values)} - {*tested}
-        ranking = explanations(evidence, state, [h for h in hypotheses_of(state) if not {*h.places} & others])
-        total = evidence.ratio(sorted({*tested, *ranking[0].hypothesis.places}))
+        hypotheses = [h for h in hypotheses_of(state) if not {*h.places} & others]
+        ranking = ranked(hypotheses, evidence, state)
+        total = evidence.ratio(sorted({*tested, *ranking[0].places}))
         causes = Causes.of(ranking, (total.statistic, total.freedoms, noise))
     found = dict(zip(tested, (state.scale[tested] * [test.change, test.std]).T.tolist(), strict=True))
     parameters = []
@@ -264,12 +262,12 @@ def _undetermined(both: Sequence[CalibrationRecord], state: State) -> Floats:
     return np.concatenate(columns, axis=1)
 
 
-def _by_undetected(before: UndetectedErrors, after: UndetectedErrors, names: Sequence[str]) -> Floats:
-    """Changes of the difference of values by one standard deviation of each undetected effect of objects and sensor,
-    SI, (p, u): they are the same in both calibrations, but other touches show other parts of them.
+def _by_undetected(before: CalibrationRecord, after: CalibrationRecord, known: CalibrationRecord) -> Floats:
+    """Changes of the difference of all values by one standard deviation of each undetected effect of objects and
+    sensor, SI, (v, u): they are the same in both calibrations, but other touches show other parts of them.
     """
-    parts: list[dict[str, tuple[float, Floats]]] = []
-    for one in (before, after):
+    names, parts = known.arm.model.names, list[dict[str, tuple[float, Floats]]]()
+    for one in (before.undetected, after.undetected):
         rows = zip(one.columns, one.of_robot, one.size.tolist(), one.at(names).T, strict=True)
         parts.append({column: (size, moved) for column, of_robot, size, moved in rows if not of_robot})
     found, nothing = [], (0.0, np.zeros(len(names)))
@@ -277,7 +275,8 @@ def _by_undetected(before: UndetectedErrors, after: UndetectedErrors, names: Seq
         (size, moved), (other_size, other) = (part.get(column, nothing) for part in parts)
         one = (size * other_size) ** 0.5
         found.append(other * (one / other_size) - moved * (one / size) if one else moved + other)
-    return np.array(found).reshape(-1, len(names)).T
+    of_errors = len(known.names) - len(names)
+    return np.pad(np.reshape(found, (-1, len(names))).T, ((0, of_errors), (0, 0)))
 
 
 def _notes(before: CalibrationRecord, after: CalibrationRecord, parameters: Sequence[ParameterChange]) -> list[str]:

@@ -30,7 +30,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch import LATER, TouchSet
-from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title, explanations, hypotheses_of, rivals
+from scara_kinetostatic.monitoring.hypotheses import Hypothesis, change_title, hypotheses_of, ranked, rivals
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, as_rare, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import Document
@@ -74,7 +74,7 @@ class Alarm(NamedTuple):
     touch: int
     since: int
     statistic: float
-    best: Explanation
+    best: Hypothesis
     rivals: tuple[str, ...]
     is_explained: bool
 
@@ -205,8 +205,8 @@ class DriftMonitor:
         fewest = 0.8 * len(weight)
         while True:
             evidence = Evidence.of(Information.of(latest, weight), start.covariance, start.mean)
-            ranking = explanations(evidence, self.state, self.hypotheses)
-            mean, places = start.mean.copy(), list(ranking[0].hypothesis.places)
+            ranking = ranked(self.hypotheses, evidence, self.state)
+            mean, places = start.mean.copy(), list(ranking[0].places)
             mean[places] += np.array(ranking[0].change) / self.state.scale[places]
             left = np.where(weight > 0, latest.chi_squares(start.covariance, mean), 0.0)
             usual = float(np.median(left[weight > 0]))
@@ -242,7 +242,7 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
     when = f'after {alarm.since} touches' if alarm.since else 'from the first touch on'
     if since is not None and alarm.since:
         when = f'since touch {since.number} of {PurePath(since.recording).name}'
-    what = f'{alarm.best.hypothesis.title} ({alarm.best.text})'
+    what = f'{alarm.best.title} ({alarm.best.text})'
     if not alarm.is_explained:
         what = f'no single part explains it, the largest is: {what}'
     elif alarm.rivals:
@@ -260,8 +260,7 @@ def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None,
             'since_touch': since,
             'statistic': alarm.statistic,
             'changed': alarm.best.name,
-            **{key: getattr(alarm.best, key) for key in ('change', 'std')},
-            **{key: getattr(alarm.best.hypothesis, key) for key in ('values', 'units')},
+            **{key: getattr(alarm.best, key) for key in ('change', 'std', 'values', 'units')},
             'rivals': alarm.rivals,
             'explained': alarm.is_explained,
             'message': alarm_line(alarm, since),

@@ -44,24 +44,45 @@ _TITLES = {
 
 
 class Hypothesis(NamedTuple):
-    """One thing that may have changed.
+    """One thing that may have changed, and how well that explains some evidence.
 
     Attributes:
         name: a parameter, a part, a source of the cell (``object_position[disc_1]``) or an effect.
         places: of its values in the state.
         values: names of these within it, such as ``x`` of an object's position.
         units: of these values.
+        statistic: T, how much chi-square it explains; 0 before it is held against evidence.
+        change: estimate of the change of each value, SI; empty before that, as `std`.
+        std: its standard uncertainty, SI; NaN where the evidence does not determine it.
     """
 
     name: str
     places: tuple[int, ...]
     values: tuple[str, ...]
     units: tuple[str, ...]
+    statistic: float = 0.0
+    change: tuple[float, ...] = ()
+    std: tuple[float, ...] = ()
 
     @property
     def title(self) -> str:
         """It in words."""
         return change_title(self.name)
+
+    @property
+    def text(self) -> str:
+        """The change with its standard uncertainty; several values with their names."""
+        largest = max(map(abs, self.change))
+        found = []
+        for name, value, std, unit in zip(self.values, self.change, self.std, self.units, strict=True):
+            change = shown(value, std, unit, {unit: SCALES.get(name) or scale_of(largest, unit)}).text
+            found.append(f'{name} {change}' if len(self.values) > 1 else change)
+        return ', '.join(found)
+
+    @property
+    def score(self) -> float:
+        """T less the penalty of its values."""
+        return self.statistic - PENALTY * len(self.places)
 
 
 def change_title(name: str) -> str:
@@ -103,57 +124,20 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
     return tuple(hypotheses)
 
 
-class Explanation(NamedTuple):
-    """How well one hypothesis explains the evidence.
-
-    Attributes:
-        hypothesis: what changed.
-        statistic: T, how much chi-square it explains.
-        change: estimate of the change of each value, SI.
-        std: its standard uncertainty, SI; NaN where the evidence does not determine it.
-    """
-
-    hypothesis: Hypothesis
-    statistic: float
-    change: tuple[float, ...]
-    std: tuple[float, ...]
-
-    @property
-    def name(self) -> str:
-        """Of the hypothesis."""
-        return self.hypothesis.name
-
-    @property
-    def text(self) -> str:
-        """The change with its standard uncertainty; several values with their names."""
-        h = self.hypothesis
-        largest = max(map(abs, self.change))
-        scales = [SCALES.get(name) or scale_of(largest, unit) for name, unit in zip(h.values, h.units, strict=True)]
-        rows = zip(self.change, self.std, h.units, scales, strict=True)
-        changes = [shown(value, std, unit, {unit: scale}).text for value, std, unit, scale in rows]
-        named = ', '.join(f'{name} {change}' for name, change in zip(h.values, changes, strict=True))
-        return named if len(changes) > 1 else changes[0]
-
-    @property
-    def score(self) -> float:
-        """T less the penalty of its values."""
-        return self.statistic - PENALTY * len(self.change)
-
-
-def explanations(evidence: Evidence, state: State, among: Sequence[Hypothesis]) -> list[Explanation]:
-    """Every hypothesis, the best first."""
+def ranked(hypotheses: Sequence[Hypothesis], evidence: Evidence, state: State) -> list[Hypothesis]:
+    """All of them with what they explain of the evidence, the best first."""
     found = []
-    for hypothesis in among:
+    for hypothesis in hypotheses:
         ratio, scale = evidence.ratio(hypothesis.places), state.scale[list(hypothesis.places)]
         change, std = (tuple((scale * part).tolist()) for part in (ratio.change, ratio.std))
-        found.append(Explanation(hypothesis, ratio.statistic, change, std))
+        found.append(hypothesis._replace(statistic=ratio.statistic, change=change, std=std))
     return sorted(found, key=lambda item: -item.score)
 
 
-def rivals(ranking: Sequence[Explanation]) -> tuple[str, ...]:
+def rivals(ranking: Sequence[Hypothesis]) -> tuple[str, ...]:
     """Names of those that explain the evidence about as well as the first, by odds of 20 to 1."""
-    own = set(ranking[0].hypothesis.places)
-    others = [item for item in ranking[1:] if not own < set(item.hypothesis.places)]  # the part of the best is no rival
+    own = set(ranking[0].places)
+    others = [item for item in ranking[1:] if not own < set(item.places)]  # the part of the best is no rival
     return tuple(item.name for item in others if ranking[0].score - item.score <= 6.0)
 
 
@@ -167,12 +151,12 @@ class Causes(NamedTuple):
             what a large change leaves.
     """
 
-    ranking: tuple[Explanation, ...] = ()
+    ranking: tuple[Hypothesis, ...] = ()
     rivals: tuple[str, ...] = ()
     remaining_p_value: float = 1.0
 
     @classmethod
-    def of(cls, ranking: Sequence[Explanation], test: tuple[float, int, float]) -> Causes:
+    def of(cls, ranking: Sequence[Hypothesis], test: tuple[float, int, float]) -> Causes:
         """Of a ranking, and of a test of all evidence: chi-square, its degrees of freedom, and those of the noise."""
         chi_square, freedoms, noise = test
         left = max(chi_square - ranking[0].statistic, 0.0)
@@ -186,5 +170,5 @@ class Causes(NamedTuple):
 
     def title(self, level: float) -> str:
         """The likeliest change in words."""
-        best = self.ranking[0].hypothesis.title
+        best = self.ranking[0].title
         return f'no single part explains it, the largest is: {best}' if self.is_open(level) else f'most likely {best}'

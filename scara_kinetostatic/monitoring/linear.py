@@ -95,17 +95,21 @@ class State(NamedTuple):
     covariance: Floats
 
     @classmethod
-    def of(cls, record: CalibrationRecord, cell: Cell | None = None) -> State:
-        """That of a calibration, for touches in a cell; by default its own.
+    def of(cls, record: CalibrationRecord, cell: Cell | None = None, moved: Floats | None = None) -> State:
+        """That of a calibration, for touches in a cell.
 
         Errors of objects that the calibration does not know, or knows otherwise, are as the cell declares them.
-        """
-        cell = record.arm.cell if cell is None else cell
-        before, now = ({disc.name: disc for disc in one.discs} for one in (record.arm.cell, cell))
-        if before == now:  # their undetected errors are what they were
-            record = record.without_undetected()
-        arm = record.arm
 
+        Args:
+            record: the calibration.
+            cell: by default its own.
+            moved: changes of all values by one standard deviation of each undetected effect of objects and sensor that
+                the touches have otherwise, (v, u), SI; by default all of other objects, none of the same.
+        """
+        arm, cell = record.arm, record.arm.cell if cell is None else cell
+        before, now = ({disc.name: disc for disc in one.discs} for one in (arm.cell, cell))
+        if moved is None:
+            moved = record.shared * (before != now)
         every = _with_stds(cell, 1.0)
         discs, plates = tuple(every[: len(cell.discs)]), tuple(every[len(cell.discs) :])
         probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
@@ -120,7 +124,7 @@ class State(NamedTuple):
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
         known = [k for k, name in enumerate(record.names) if k < values or _target(name) not in others]
         places = [k if k < values else values + probe.names.index(record.names[k]) for k in known]
-        covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
+        covariance[np.ix_(places, places)] = (record.covariance + moved @ moved.T)[np.ix_(known, known)]
         mean[places] = record.values[known]
         declared = DeclaredErrors.of(cell)
         for name, std in zip(declared.names, declared.units, strict=True) if declared else ():

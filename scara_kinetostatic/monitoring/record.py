@@ -46,7 +46,8 @@ class CalibrationRecord:
         arm: the calibrated arm.
         names: of all values of the model, then of the declared errors of the cell (`DeclaredErrors.names`).
         values: of all these, SI units, (12 + k + m,).
-        covariance: of all these, (12 + k + m, 12 + k + m).
+        covariance: of all these, (12 + k + m, 12 + k + m), without what undetected effects of objects and sensor
+            contribute (`shared`).
 
     Raises:
         CalibrationFileError: the joint covariance is missing or damaged.
@@ -94,7 +95,7 @@ class CalibrationRecord:
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
-        return record
+        return replace(record, covariance=record.covariance - record.shared @ record.shared.T)
 
     @cached_property
     def undetected(self) -> UndetectedErrors:
@@ -111,14 +112,12 @@ class CalibrationRecord:
             raise ValueError('covariance_with_cell: undetected effects without a name or a size')
         return UndetectedErrors(rows, columns, of_robot, size, matrix)
 
-    def without_undetected(self) -> CalibrationRecord:
-        """The same without what undetected effects of objects and sensor contribute to its covariance."""
-        size, document = len(self.arm.model.names), dict(self.document)
-        moved = self.undetected.of_all(len(self.names))[:, np.equal(self.undetected.of_robot, False)]
-        covariance = self.covariance - moved @ moved.T
-        document['covariance_with_cell'] = {**document['covariance_with_cell'], 'undetected': None}
-        arm = replace(self.arm, covariance=covariance[:size, :size])
-        return replace(self, document=document, arm=arm, covariance=covariance)
+    @property
+    def shared(self) -> Floats:
+        """Changes of all values by one standard deviation of each undetected effect of objects and sensor, (v, u), SI:
+        touches of the same objects have them as well, and are predicted as if there were none.
+        """
+        return self.undetected.of_all(len(self.names))[:, np.equal(self.undetected.of_robot, False)]
 
     def in_cell(self, cell: Cell) -> CalibrationRecord:
         """The same with the numbers that another cell gives its objects; what is of an object that it lacks acts

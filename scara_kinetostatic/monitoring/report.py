@@ -28,9 +28,9 @@ def causes_document(causes: Causes) -> Document:
     """What may have changed, with its evidence; nulls where nothing has."""
     candidates = []
     for item in causes.ranking:
-        rows = zip(item.hypothesis.values, item.change, item.std, item.hypothesis.units, strict=True)
+        rows = zip(item.values, item.change, item.std, item.units, strict=True)
         changes = [dict(zip(('name', 'value', 'std', 'unit'), row, strict=True)) for row in rows]
-        known = {'name': item.name, 'title': item.hypothesis.title, 'statistic': item.statistic, 'score': item.score}
+        known = {key: getattr(item, key) for key in ('name', 'title', 'statistic', 'score')}
         candidates.append({**known, 'change': changes})
     best, remaining = (candidates[0], causes.remaining_p_value) if candidates else (None, None)
     return {'part': best, 'rivals': causes.rivals, 'remaining_p_value': remaining, 'candidates': candidates}
@@ -43,7 +43,7 @@ def _causes(causes: Causes) -> list[Block]:
     rows = []
     for number, item in enumerate(causes.ranking[:8]):
         remark = 'best' if number == 0 else 'rival' if item.name in causes.rivals else ''
-        rows.append((item.hypothesis.title, f'{item.statistic:.4g}', str(len(item.change)), item.text, remark))
+        rows.append((item.title, f'{item.statistic:.4g}', str(len(item.change)), item.text, remark))
     table = Table(('what changed', 'explains', 'values', 'by', ''), ('', 'chi-square', '', '', ''), tuple(rows))
     rivals = [f'About as likely: {"; ".join(map(change_title, causes.rivals))}.'] if causes.rivals else []
     return [*rivals, Section('What may have changed', (table,), shown='page')]

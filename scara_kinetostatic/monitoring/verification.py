@@ -25,7 +25,7 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
-from scara_kinetostatic.monitoring.hypotheses import Causes, explanations, hypotheses_of
+from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
 from scara_kinetostatic.monitoring.linear import Evidence, Information, PredictionTest, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
@@ -230,7 +230,7 @@ def verify(
         evidence = Evidence.of(Information.of(others), state.covariance)
         hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
         test_of_others = others_test.chi_square, others_test.freedoms, noise
-        causes = Causes.of(explanations(evidence, state, hypotheses), test_of_others)
+        causes = Causes.of(ranked(hypotheses, evidence, state), test_of_others)
     effects = ', '.join(Predictor(record.arm).effects_of('time'))
     assumptions = [f'{effects}: time counts from the start of each recording, as in the calibration'] if effects else []
     columns = (touches.index, touches.disc, test.distances, measured.tip_error)

@@ -78,7 +78,7 @@ from scara_kinetostatic.assessment.grade import Limits
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan
+from scara_kinetostatic.planning.prediction import Robot, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 LEAST_ARM = 0.02
@@ -193,23 +193,22 @@ def candidate_plan(
     return Plan.joined([replace(plan, preload=np.full(len(plan), part)) for plan in chosen for part in eased])
 
 
-def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False) -> CandidateTouches:
+def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = False) -> CandidateTouches:
     """Candidates from a plan.
 
     Args:
         robot: the robot.
         plan: all touches to choose from.
-        tip: the tip whose variance is to be minimised.
+        tip: its derivatives T (`prediction.tip_in_use`), whose variance is to be minimised.
         mean: whether that is its mean over the region (I-optimality), one place for all, or the largest.
     """
     scales, declared = declared_rows(robot)
     derivative = exact_plan(robot, plan).point.whitened.jacobian * scales
     values = len(robot.model.names)
-    scaled = tip.derivative * scales[:values]
+    scaled = tip * scales[:values]
     rows = np.flatnonzero(np.abs(scaled).max(axis=(0, 1, 2)) > 0)
-    if mean:
-        scaled = np.sqrt(tip.weight / scaled.shape[1])[:, None, None, None] * scaled
-    scaled = scaled[..., rows].reshape(1 if mean else scaled.shape[0] * scaled.shape[1], -1, len(rows))
+    places = scaled.shape[0] * scaled.shape[1]
+    scaled = scaled[..., rows].reshape(1 if mean else places, -1, len(rows)) / (places**0.5 if mean else 1.0)
     quadric = (scaled.swapaxes(1, 2) @ scaled).reshape(len(scaled), -1).T.copy()
     information = np.einsum('nik,nil->nkl', derivative, derivative)
     prior = declared.T @ declared
@@ -419,7 +418,7 @@ def checked(candidates: CandidateTouches, chosen: list[int]) -> list[int]:
     return chosen
 
 
-def without_each(robot: Robot, plan: Plan, tip: Tip) -> Floats:
+def without_each(robot: Robot, plan: Plan, tip: Floats) -> Floats:
     """Largest standard deviation of the tip without each touch of a plan, (n,), m."""
     of_plan = prepare_candidates(robot, plan, tip)
     together = of_plan.information_of(range(len(plan)))

@@ -59,7 +59,7 @@ from scara_kinetostatic.planning.candidates import (
     prepare_candidates,
 )
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
-from scara_kinetostatic.planning.prediction import Robot, Tip, contributions, exact_plan, tip_in_use
+from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 
@@ -214,19 +214,18 @@ class Planner:
         return len(self.robot.parameters.names) + sum(len(effect.parameters) for effect in self.arm.effects)
 
     @cached_property
-    def _tip_of_all(self) -> Tip:
+    def _tip_of_all(self) -> Floats:
         """The tip by all values."""
         return tip_in_use(self.robot, float(np.mean(self.arm.cell.touch.force)))
 
     @cached_property
-    def _tip(self) -> Tip:
+    def _tip(self) -> Floats:
         """The tip by those of the arm's model."""
-        return self._tip_of_all._replace(derivative=self._tip_of_all.derivative[..., : self._values])
+        return self._tip_of_all[..., : self._values]
 
     def _largest(self, covariance: Floats) -> float:
         """Largest expanded uncertainty of the tip for a covariance of the arm's values, m."""
-        derivative = self._tip.derivative
-        variance = np.linalg.eigvalsh(derivative @ covariance @ derivative.swapaxes(-1, -2))[..., -1]
+        variance = np.linalg.eigvalsh(self._tip @ covariance @ self._tip.swapaxes(-1, -2))[..., -1]
         return float(COVERAGE_FACTOR * np.sqrt(max(variance.max(), 0.0)))
 
     @cached_property

@@ -45,16 +45,7 @@ from scara_kinetostatic.planning.candidates import (
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import (
-    Prediction,
-    Robot,
-    Tip,
-    TipStd,
-    loaded_tip,
-    make_workspace,
-    predict,
-    tip_std,
-)
+from scara_kinetostatic.planning.prediction import Prediction, Robot, TipStd, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan, reach
 
 _ABOVE_LIMIT = 1.1
@@ -158,17 +149,17 @@ class Task:
     Attributes:
         robot: the robot with its cell; with all discs on one plate, in the frame of that plate.
         requirements: of the design.
-        free: the free tip over the workspace.
-        loaded: the tip under load.
+        free: the free tip over the workspace, as of `tip_in_use`.
+        loaded: the tip under load, likewise.
     """
 
     robot: Robot
     requirements: Requirements
-    free: Tip
-    loaded: Tip
+    free: Floats
+    loaded: Floats
 
     @property
-    def tip(self) -> Tip:
+    def tip(self) -> Floats:
         """The tip of which the accuracy is required."""
         return self.loaded if self.requirements.under_load else self.free
 
@@ -240,8 +231,8 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     """
     q, report, in_base, plate = requirements or Requirements(), report or (lambda *_: None), robot, robot.common_plate
     robot = robot.on_plate() if plate else robot
-    workspace = make_workspace(robot)
-    task = Task(robot, q, loaded_tip(robot, workspace), loaded_tip(robot, workspace, q.load))
+    tip = tip_in_use(robot, q.load)
+    task = Task(robot, q, tip[:, :1], tip[:, 1:])
     report('candidate touches', 0.0)
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)

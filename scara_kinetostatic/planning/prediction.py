@@ -15,9 +15,9 @@ declared uncertainties the variance does not go with one over the number of touc
 Predicted standard deviation of the tip over the workspace, free and under load.
 
 With the covariance C of L̄, that of the tip is T C Tᵀ, T being its derivative with respect to L̄ at the measured joint
-angles: ∂H/∂L̄ for the free tip; for the loaded tip, at given Q and F, that of S in (4) with (6) and (7). The standard
-deviation at a place is √trace(T C Tᵀ). The grid is polar about the robot's base and includes the limits of the reach,
-where the uncertainty is largest.
+angles and under the force: that of S in (4) with (6) and (7). The standard deviation at a place is √trace(T C Tᵀ).
+Places and loads are those for which a calibration states its uncertainty (`calibration.tip_uncertainty`), on a coarser
+grid.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
@@ -42,24 +41,19 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
-from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, possible_poses, region_grid
+from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinetostatics import (
-    inverse_kinetostatics,
-    joint_deflection,
-    loaded_tip_by_parameters,
-    press_aside,
-)
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, press_aside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State, has_no_sure_sign
-from scara_kinetostatic.simulation.plan import Plan, reach
+from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
 
 
@@ -161,7 +155,7 @@ class Prediction:
         """Number of independent combinations of the base model's parameters that are identifiable."""
         return len(self.std) - self.motions.shape[1]
 
-    def contributions(self, tip: Tip) -> dict[str, float]:
+    def contributions(self, tip: Floats) -> dict[str, float]:
         """Those to the covariance."""
         return contributions(self.together, len(self.std), self.declared, tip)
 
@@ -277,7 +271,7 @@ _KINDS = {
 """Kinds of declared uncertainties, in words."""
 
 
-def contributions(covariance: Floats, count: int, declared: DeclaredErrors | None, tip: Tip) -> dict[str, float]:
+def contributions(covariance: Floats, count: int, declared: DeclaredErrors | None, tip: Floats) -> dict[str, float]:
     """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
 
     Their squares add up to the square of the whole. The places of all discs are one kind, and so on. A source with the
@@ -287,11 +281,11 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
         covariance: C of the values of the model and the declared errors.
         count: number of the values.
         declared: what the cell declares as uncertain.
-        tip: over the workspace.
+        tip: over the workspace, as of `tip_in_use`.
     """
     own = covariance[:count, :count]
-    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, own, tip.derivative, optimize=True)
-    worst = tip.derivative[np.unravel_index(int(np.argmax(place)), place.shape)]
+    place = np.einsum('gdik,kl,gdil->gd', tip, own, tip, optimize=True)
+    worst = tip[np.unravel_index(int(np.argmax(place)), place.shape)]
     found: defaultdict[str, float] = defaultdict(float)
     if declared is not None:
         moved = worst @ covariance[:count] @ declared.prior.rows(count).T
@@ -302,25 +296,13 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 
 
-class Tip(NamedTuple):
-    """Sensitivity of the tip to L̄ at every place of the workspace.
-
-    Attributes:
-        derivative: T, (g, d, 2, 12), posture left first, d directions of the load (1 without load).
-        weight: share of the area that belongs to each pose, (g,).
-    """
-
-    derivative: Floats
-    weight: Floats
-
-
 class TipStd(NamedTuple):
     """The standard deviation of the tip over the workspace; infinite where it is not determined.
 
     Attributes:
         largest: m.
-        rms: root of the mean square, weighted by area, m.
-        places: at each place for the worst direction of the load, (g,), m, posture left first.
+        rms: root of the mean square, m.
+        places: at each pose of `tip_in_use` for the worst direction of the load, (g,), m.
     """
 
     largest: float
@@ -328,77 +310,17 @@ class TipStd(NamedTuple):
     places: Floats
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """The places at which the tip is evaluated.
-
-    Attributes:
-        places: (g, 2), m, base frame, posture left first.
-        posture: there, (g,).
-        area: share of the area that belongs to each, (g,).
-        mask: which places of the polar grid these are in each posture, (2, radii, angles).
-        radii: of the grid, m.
-        angles: of the grid, rad.
-    """
-
-    places: Floats
-    posture: Indices
-    area: Floats
-    mask: NDArray[np.bool_]
-    radii: Floats
-    angles: Floats
-
-
-def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
-    """The polar grid over all that is within reach, in the region of the cell and within the limits of the joints.
-
-    Args:
-        robot: the robot.
-        radii: number of radii.
-        angles: number of angles.
-
-    Raises:
-        ParameterError: as `possible_poses`.
-    """
-    nominal = robot.cell.nominal
-    distance = np.linspace(*reach(nominal), radii)
-    angle = 2 * np.pi * np.arange(angles) / angles
-    directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    grid = (nominal.x0, nominal.y0) + distance[:, None, None] * directions
-    mask = possible_poses(nominal, robot.cell, grid, np.ones(grid.shape[:-1], dtype=bool))
-    side, radius, turn = np.nonzero(mask)
-    area = distance[radius] / distance[radius].sum()
-    return Workspace(grid[radius, turn], np.array(POSTURES)[side], area, mask, distance, angle)
-
-
-def loaded_tip(robot: Robot, workspace: Workspace, load: float = 0.0, directions: int = 8) -> Tip:
-    """The tip under a load: T = dS/dL̄ at given Q and F; without one T = ∂H/∂L̄, or that of the tip under gravity.
-
-    Args:
-        robot: the robot.
-        workspace: where.
-        load: magnitude of the force on the object, N; 0 for the free tip.
-        directions: of the load, evenly around.
-    """
-    directions = directions if load else 1
-    angle = 2 * np.pi * np.arange(directions) / directions
-    force = load * np.tile(np.stack([np.cos(angle), np.sin(angle)], axis=-1), (len(workspace.places), 1))
-    places, sides = np.repeat(workspace.places, directions, axis=0), np.repeat(workspace.posture, directions)
-    derivative = loaded_tip_by_parameters(robot.parameters, places, force, sides, robot.cell.gripper_sign)
-    return Tip(derivative.reshape(-1, directions, *derivative.shape[1:]), workspace.area)
-
-
-def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Tip:
+def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Floats:
     """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
-
-    Places and loads are those for which a calibration states its uncertainty (`calibration.tip_uncertainty`), on a
-    coarser grid.
 
     Args:
         robot: the robot.
         load: magnitude of the force on the object, N.
-        count: of columns and rows of the grid.
-        directions: of the load, evenly around; the first direction of the result is that without a load.
+        count: of columns and rows of the grid (`region_grid`).
+        directions: of the load, evenly around.
+
+    Returns:
+        (g, 1 + directions, 2, 12 + k): of the possible poses, posture left first, without a load and under it.
 
     Raises:
         ParameterError: as `possible_poses`.
@@ -413,15 +335,14 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
     found = tip_under_load(law, links, force, TouchMetadata.plain(len(places))._replace(posture=sides))
     turns = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
     derivative = tip_by_values(law, turns, found.loading, force, found.state)
-    return Tip(derivative.reshape(-1, len(forces), *derivative.shape[1:]), np.full(len(side), 1 / len(side)))
+    return derivative.reshape(-1, len(forces), *derivative.shape[1:])
 
 
-def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
-    """The tip's standard deviation from a predicted covariance of L̄."""
-    variance = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
+def tip_std(tip: Floats, prediction: Prediction) -> TipStd:
+    """The tip's standard deviation from a predicted covariance of L̄; `tip` as of `tip_in_use`, or some of its loads."""
+    variance = np.einsum('gdik,kl,gdil->gd', tip, prediction.covariance, tip, optimize=True)
     if prediction.motions.size:
-        motion = np.abs(tip.derivative @ prediction.motions).max(axis=(2, 3))
+        motion = np.abs(tip @ prediction.motions).max(axis=(2, 3))
         variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
     places = variance.max(axis=1)
-    mean = variance.mean(axis=1) @ tip.weight
-    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(mean)), np.sqrt(places))
+    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(variance.mean())), np.sqrt(places))

@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.calibration.tip_uncertainty import region_grid
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design, Row
-from scara_kinetostatic.planning.prediction import loaded_tip, make_workspace, tip_std
+from scara_kinetostatic.planning.prediction import tip_in_use, tip_std
 from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Legend, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
@@ -47,43 +49,42 @@ def number_picture(design: Design) -> Markup:
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
     for axis, ticks in ((axes.xaxis, c.touches.tolist()), (axes.yaxis, _TICKS)):
-        axis.set_major_locator(FixedLocator(list(ticks)))
-        axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(lambda value, _: f'{value:g}')
+        axis.set(major_locator=FixedLocator(list(ticks)), minor_locator=NullLocator())
+        axis.set_major_formatter('{x:g}')
     axes.legend(frameon=False)
     return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
-
-
-_BY_SIZE = 'viridis_r'
 
 
 def tip_picture(design: Design) -> Markup:
     """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
     figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
-    robot, q = design.robot, design.requirements
-    workspace = make_workspace(robot, radii=24, angles=120)
-    tip = loaded_tip(robot, workspace, q.load if q.under_load else 0.0)
-    places = MICRO * tip_std(tip, design.row.prediction).places
-    low, high = float(places.min()), float(places.max())
-    every = np.full(workspace.mask.shape, np.nan)
-    every[workspace.mask] = places
-    for k, name in enumerate(('posture left', 'posture right')):
-        angle = np.append(workspace.angles, 2 * np.pi)
-        x, y = (workspace.radii[:, None] * turn(angle) for turn in (np.cos, np.sin))
-        base = (robot.cell.nominal.x0, robot.cell.nominal.y0)
-        values = np.concatenate([every[k], every[k][:, :1]], axis=1)
-        drawn = axes[k].pcolormesh(
-            x + base[0], y + base[1], np.ma.masked_invalid(values), shading='gouraud', cmap=_BY_SIZE, vmin=low,
-            vmax=high, rasterized=True,
-        )  # fmt: skip
-        _discs(axes[k], robot.cell)
-        axes[k].set(aspect='equal', xlabel='x  [mm]', title=name)
-        in_mm(axes[k])
-        axes[k].grid(visible=False)
-        axes[k].plot(*base, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes[0].set(ylabel='y  [mm]')
+    robot, q, columns = design.robot, design.requirements, 48
+    x, y, _, possible = region_grid(robot.parameters, robot.cell, columns)
+    tip = tip_in_use(robot, q.load, columns)
+    values = np.full(possible.shape, np.nan)
+    values[possible] = MICRO * tip_std(tip[:, 1:] if q.under_load else tip[:, :1], design.row.prediction).places
+    for k, name in enumerate(('left', 'right')):
+        drawn = _map(axes[k], design, (x, y, values[k]))
+        drawn.set_clim(float(np.nanmin(values)), float(np.nanmax(values)))
+        axes[k].set(title=f'posture {name}')
+    axes[1].set(ylabel='')
     figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
     return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
+
+
+def _map(axes: Axes, design: Design, grid: tuple[Floats, Floats, Floats]) -> QuadMesh:
+    """A standard deviation of the tip, µm, over the places of a grid, with the discs and the base of the robot."""
+    nominal = design.robot.cell.nominal
+    x, y, values = grid
+    shown = np.ma.masked_invalid(values)
+    drawn = axes.pcolormesh(x, y, shown, shading='nearest', cmap='viridis_r', rasterized=True)
+    for disc in design.robot.cell.discs:
+        draw.draw_object(axes, disc, INK, width=1.1)
+    axes.plot(nominal.x0, nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
+    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
+    in_mm(axes)
+    axes.grid(visible=False)
+    return drawn
 
 
 def plan_picture(design: Design) -> Markup:
@@ -113,27 +114,14 @@ def plan_picture(design: Design) -> Markup:
 def additional_disc_picture(design: Design) -> Markup:
     """Largest standard deviation of the tip by the place of one additional disc."""
     figure, (axes,) = draw.new_figure(HALF, 400)
-    m, cell = design.additional_disc, design.robot.cell
-    shown = MICRO * np.ma.masked_invalid(m.largest)
-    drawn = axes.pcolormesh(m.x, m.y, shown, shading='nearest', cmap=_BY_SIZE, rasterized=True)
-    _discs(axes, cell)
-    best = m.best
-    if best is not None:
-        axes.add_patch(Circle(best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
-        axes.plot(*best[:2], '+', ms=9, color=SERIES[1], mew=2)
-    axes.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes.set(aspect='equal', xlabel='x of its centre  [mm]', ylabel='y  [mm]')
-    in_mm(axes)
-    axes.grid(visible=False)
+    m = design.additional_disc
+    drawn = _map(axes, design, (m.x, m.y, MICRO * m.largest))
+    if m.best is not None:
+        axes.add_patch(Circle(m.best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
+        axes.plot(*m.best[:2], '+', ms=9, color=SERIES[1], mew=2)
     figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
-    return draw.as_svg(
-        figure, 'additional_disc', 'largest standard deviation of the tip by the place of one additional disc'
-    )
-
-
-def _discs(axes: Axes, cell: Cell) -> None:
-    for disc in cell.discs:
-        draw.draw_object(axes, disc, INK, width=1.1)
+    what = 'largest standard deviation of the tip by the place of one additional disc'
+    return draw.as_svg(figure, 'additional_disc', what)
 
 
 def design_document(design: Design) -> dict[str, Any]:
@@ -289,33 +277,29 @@ def disc_sentence(design: Design) -> str:
 
 def parameter_table(design: Design) -> Table:
     """Predicted standard deviations of the parameters: the recommended set, and touches evenly distributed."""
-    rows = [design.row, design.tables['levels'][-1]]
-    heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
+    both = zip(design.row.prediction.std, design.tables['levels'][-1].prediction.std, strict=True)
     body = []
-    for k, name in enumerate(design.robot.parameters.names):
+    for name, stds in zip(design.robot.parameters.names, both, strict=True):
         unit, per_si = SCALES[name]
-        values = (row.prediction.std[k] * per_si for row in rows)
-        body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))
+        body.append((name, unit, *(f'{std * per_si:.3g}' if np.isfinite(std) else 'not determined' for std in stds)))
+    heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     return Table(heading, ('',) * 4, tuple(body))
 
 
 def plan_table(design: Design) -> Table:
     """The recommended touches in their order."""
-    plan, leverage = design.plan, design.row.prediction.leverage
-    rows = tuple(
-        (
-            str(k),
-            design.robot.cell.discs[plan.disc[k]].name,
-            f'{np.degrees(plan.angle[k]):.0f}',
-            'left' if plan.posture[k] > 0 else 'right',
-            f'{plan.force[k]:g}',
-            f'{100 * leverage[k]:.0f}',
-            micrometres(design.without_each[k]),
-        )
-        for k in range(len(plan))
+    plan, discs = design.plan, design.robot.cell.discs
+    columns = (
+        ('touch', '', [str(k) for k in range(len(plan))]),
+        ('disc', '', [discs[number].name for number in plan.disc]),
+        ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
+        ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
+        ('force', 'N', [f'{force:g}' for force in plan.force]),
+        ('leverage', '%', [f'{100 * share:.0f}' for share in design.row.prediction.leverage]),
+        ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
-    heading = ('touch', 'disc', 'angle', 'posture', 'force', 'leverage', 'tip without it')
-    return Table(heading, ('', '', '°', '', 'N', '%', 'µm'), rows)
+    headings, units, cells = zip(*columns, strict=True)
+    return Table(headings, units, tuple(zip(*cells, strict=True)))
 
 
 def number_table(design: Design) -> Table:

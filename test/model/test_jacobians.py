@@ -12,14 +12,18 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, forward_by_parameters, tip_by_parameters
-from scara_kinetostatic.model.kinetostatics import (
-    direct_kinetostatics,
-    inverse_kinetostatics,
-    joint_deflection,
-    loaded_tip_by_parameters,
-)
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, joint_deflection
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_noise, tip_under_load
+from scara_kinetostatic.model.tip import (
+    Force,
+    Law,
+    inverse_of_rows,
+    joints_under_load,
+    tip_by_joints,
+    tip_by_noise,
+    tip_by_values,
+    tip_under_load,
+)
 from scara_kinetostatic.model.touch_equations import ContactProblem, excess_derivative, touch_equations
 
 SIGNS = tuple(GripperSign)
@@ -55,7 +59,9 @@ def test_rigid_robot(robot):
 def test_loaded_tip(robot, sign):
     """∂S/∂L̄ at fixed Q and F, in full, and up to the change of the lever arms by the deflection."""
     poses, joints, torques = clear_of_dead_bands(robot, random_poses(3), sign)
-    found = loaded_tip_by_parameters(robot, poses.tip, poses.force, poses.posture, sign)
+    law, load, plain = Law(ExtendedModel(robot), Gripper(sign)), Force.of(poses.force), TouchMetadata.plain(len(joints))
+    loading = joints_under_load(law, poses.tip, load, poses.posture, plain).loading
+    found = tip_by_values(law, tip_by_joints(loading, inverse_of_rows(loading, load)), loading, load, None)
 
     def tip(v):
         return direct_kinetostatics(Parameters.from_array(v), joints, poses.force, sign)[0]

@@ -12,7 +12,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import Plate
 from scara_kinetostatic.monitoring.comparison import compare
-from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title, hypotheses_of
+from scara_kinetostatic.monitoring.hypotheses import change_title, hypotheses_of
 from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
@@ -98,7 +98,7 @@ def test_names_and_units() -> None:
     assert everything['plate_position[a]'].units == ('m', 'm') and everything['plate_angle[a]'].units == ('rad',)
     assert everything['force_gain'].units == ('1',)
     assert everything['tool'].values == ('theta2', 'l2') and everything['object_position[disc_3]'].values == ('x', 'y')
-    tool = Explanation(everything['tool'], 1.0, (1e-4, 2e-5), (1e-5, 1e-6))
+    tool = everything['tool']._replace(change=(1e-4, 2e-5), std=(1e-5, 1e-6))
     assert tool.text == 'theta2 0.100 ± 0.010 mrad, l2 0.0200 ± 0.0010 mm'
     touched = {h.name for h in hypotheses_of(state, [1])}
     gone = {f'object_{what}[disc_{k}]' for what in ('position', 'radius') for k in (1, 3)}

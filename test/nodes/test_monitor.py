@@ -87,7 +87,7 @@ def test_a_change_is_raised_and_reset(watching, calibration, monkeypatch):
     said: list[str] = []
     monkeypatch.setattr(node, 'get_logger', lambda: SimpleNamespace(error=said.append))
     best = node._monitor.alarm.best
-    other = best._replace(hypothesis=best.hypothesis._replace(name='base'))
+    other = best._replace(name='base')
     node._monitor.alarm = node._monitor.alarm._replace(best=other)  # named wrongly at first
     later = touches_of(CELL, 4, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(2))
     feed(node, later, '/wednesday')

@@ -13,19 +13,11 @@ from scara_kinetostatic.effects.contact_friction import ContactFriction
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
-from scara_kinetostatic.model.kinetostatics import DRAG, inverse_kinetostatics
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.kinetostatics import DRAG
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.planning.candidates import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import (
-    Robot,
-    exact_plan,
-    loaded_tip,
-    make_workspace,
-    predict,
-    tip_in_use,
-    tip_std,
-)
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -78,7 +70,7 @@ def test_prediction_is_what_the_calibration_states(name, frame):
     found = calibrate(simulate_touches(cell, PAPER_ACTUAL, PLAN, seed=3), cell)
     prediction = predict(Robot.of(cell, PAPER_ACTUAL), PLAN)
     np.testing.assert_allclose(prediction.std, found.std, rtol=0.03)
-    tip = loaded_tip(ROBOT, make_workspace(ROBOT))
+    tip = tip_in_use(ROBOT, 40.0)[:, :1]
     parts = prediction.contributions(tip)
     assert np.linalg.norm([*parts.values()]) == pytest.approx(tip_std(tip, prediction).largest)
     assert (parts['noise'] > 0) and (set(parts) == {'noise'}) == (name == 'exact')
@@ -104,7 +96,7 @@ def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
 
 def test_all_discs_on_one_plate_are_judged_in_its_frame():
     robot = Robot.of(CELLS['plate'])
-    tip = loaded_tip(robot, make_workspace(robot))
+    tip = tip_in_use(robot, 40.0)[:, :1]
     assert robot.common_plate == CELLS['plate'].plates[0]
     assert tip_std(tip, predict(robot, PLAN)).largest > 1e-3
     assert tip_std(tip, predict(robot.on_plate(), PLAN)).largest < 2e-5
@@ -118,14 +110,14 @@ def test_noise_that_nobody_stated_is_marked():
 
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     prediction = predict(ROBOT, default_plan(CELL, levels=(40.0,)))
-    workspace = make_workspace(ROBOT)
+    at_level, below = tip_in_use(ROBOT, 40.0), tip_in_use(ROBOT, 20.0)
     assert prediction.rank == 11
     assert prediction.confounded == (('p_ee', 'g_ee'),)
     assert np.isnan(prediction.std[[NAMES.index('p_ee'), NAMES.index('g_ee')]]).all()
     assert np.isfinite(np.delete(prediction.std, [6, 9])).all()
-    assert tip_std(loaded_tip(ROBOT, workspace), prediction).largest < 1e-5
-    assert np.isfinite(tip_std(loaded_tip(ROBOT, workspace, 40.0), prediction).largest)
-    assert np.isinf(tip_std(loaded_tip(ROBOT, workspace, 20.0), prediction).largest)
+    assert tip_std(at_level[:, :1], prediction).largest < 1e-5
+    assert np.isfinite(tip_std(at_level, prediction).largest)
+    assert np.isinf(tip_std(below, prediction).largest)
 
 
 def test_one_disc_leaves_the_robot_free_to_turn_about_it():
@@ -133,23 +125,9 @@ def test_one_disc_leaves_the_robot_free_to_turn_about_it():
     robot = Robot.of(cell)
     prediction = predict(robot, default_plan(cell))
     assert prediction.rank == 11
-    assert np.isinf(tip_std(loaded_tip(robot, make_workspace(robot)), prediction).largest)
+    assert np.isinf(tip_std(tip_in_use(robot, 40.0)[:, :1], prediction).largest)
     with pytest.raises(UnsupportedDataError, match='second disc'):
         optimal_design(robot, Requirements(per_disc=12))
-
-
-@pytest.mark.parametrize('load', [0.0, 30.0])
-def test_derivative_of_the_tip(load):
-    """At given joint angles and force, the tip moves by T ΔL̄: there, the moved robot reads the same angles."""
-    workspace = make_workspace(ROBOT, radii=3, angles=4)
-    places, side, change = workspace.places, workspace.posture, 1e-7 * np.linspace(-1, 1, 12)
-    tip = loaded_tip(ROBOT, workspace, load, directions=1).derivative[:, 0] @ change
-    moved, force = Parameters.from_array(PAPER_ACTUAL.as_array() + change), np.tile([load, 0.0], (len(places), 1))
-    before, after = (
-        inverse_kinetostatics(robot, at, force, side, CELL.gripper)[0]
-        for robot, at in ((PAPER_ACTUAL, places), (moved, places + tip))
-    )
-    np.testing.assert_allclose(after, before, atol=1e-10)
 
 
 def test_error_on_touches_not_seen_is_that_of_calibrations():
@@ -162,33 +140,19 @@ def test_error_on_touches_not_seen_is_that_of_calibrations():
     assert held_out_ratio(ROBOT, plan.select(np.arange(13))) > 2 * MOST_HELD_OUT
 
 
-def test_workspace_keeps_to_its_region_and_refuses_none():
-    def within(*limits):
-        return make_workspace(replace(ROBOT, cell=replace(ROBOT.cell, region=Region(*limits))))
-
-    workspace = within(0.0, 0.3, 0.2, 0.5)
-    assert (workspace.places >= (0.0, 0.2)).all() and (workspace.places <= (0.3, 0.5)).all()
-    assert workspace.area.sum() == pytest.approx(1.0)
-    with pytest.raises(ParameterError, match='within reach'):
-        within(2.0, 3.0, 2.0, 3.0)
-
-
-def test_poses_of_workspace_and_tip_in_use_are_within_the_limits():
-    limits = ((-0.5, 2.0), (0.0, 2.2))
-    robot, can_take = replace(ROBOT, cell=replace(CELL, limits=limits)), replace(CELL, limits=limits).can_take
-    workspace, everywhere = make_workspace(robot), make_workspace(ROBOT)
-    assert (workspace.posture == 1).all() and workspace.area.sum() == pytest.approx(1.0)
-    within = [can_take(kinematics.inverse(PAPER_NOMINAL, at.places, at.posture)) for at in (workspace, everywhere)]
-    assert within[0].all() and len(workspace.places) == within[1].sum()
-    prediction = predict(robot, default_plan(CELL))
-    for tip, every in (
-        (loaded_tip(robot, workspace), loaded_tip(ROBOT, everywhere)),
-        (tip_in_use(robot, 30.0), tip_in_use(ROBOT, 30.0)),
+def test_the_tip_keeps_to_region_and_limits_and_refuses_none():
+    everywhere, prediction = tip_in_use(ROBOT, 30.0), predict(ROBOT, default_plan(CELL))
+    limited, region = replace(CELL, limits=((-0.5, 2.0), (0.0, 2.2))), Region(0.0, 0.3, 0.2, 0.5)
+    for cell in (limited, replace(CELL, region=region)):
+        tip = tip_in_use(replace(ROBOT, cell=cell), 30.0)
+        assert tip_std(tip, prediction).largest < tip_std(everywhere, prediction).largest
+    assert len(tip_in_use(replace(ROBOT, cell=limited), 30.0)) < 0.5 * len(everywhere)
+    for wrong, text in (
+        ({'region': Region(2.0, 3.0, 2.0, 3.0)}, 'within reach'),
+        ({'limits': ((0.0, 1e-3), (1.0, 1.001))}, r'robot\.limits: they leave 0.* % of the workspace within reach'),
     ):
-        assert len(tip.derivative) == len(tip.weight) < 0.5 * len(every.derivative)
-        assert tip_std(tip, prediction).largest < tip_std(every, prediction).largest
-    with pytest.raises(ParameterError, match=r'robot\.limits: they leave 0.* % of the workspace within reach'):
-        make_workspace(replace(robot, cell=replace(robot.cell, limits=((0.0, 1e-3), (1.0, 1.001)))))
+        with pytest.raises(ParameterError, match=text):
+            tip_in_use(replace(ROBOT, cell=replace(CELL, **wrong)), 30.0)
 
 
 def test_unreachable_touch_is_named():

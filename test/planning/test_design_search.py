@@ -25,7 +25,7 @@ from scara_kinetostatic.planning.candidates import (
     without_each,
 )
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, loaded_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 NOISE = Noise(joint=1e-5, force=0.3)
@@ -36,7 +36,7 @@ EASY = Requirements(accuracy=1.05e-5, levels=(10.0, 40.0), per_disc=9)
 
 
 def tip_of(robot):
-    return loaded_tip(robot, make_workspace(robot, radii=3, angles=18))
+    return tip_in_use(robot, 40.0, 9)[:, :1]
 
 
 def prepared(robot):

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 import scara_kinetostatic as sk
+from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.kinematics import inverse, rotate
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, joint_torques
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import LEAST_ARM, candidate_plan
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, loaded_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
@@ -32,9 +33,11 @@ CELL = sk.Cell(
 
 def test_the_free_tip_hangs():
     robot = Robot.of(CELL, TRUTH)
-    area = make_workspace(robot, radii=3, angles=12)
-    tip, free = loaded_tip(robot, area).derivative[:, 0], np.zeros_like(area.places)
-    joints, torques = inverse_kinetostatics(TRUTH, area.places, free, area.posture)
+    _, _, grid, possible = region_grid(TRUTH, CELL, 7)
+    side, row, column = np.nonzero(possible)
+    joints = inverse(TRUTH, grid[row, column], np.array(POSTURES)[side])
+    tip, free = tip_in_use(robot, 40.0, 7)[:, 0], np.zeros_like(joints)
+    torques = joint_torques(TRUTH, joints, free)
     sure = (np.abs(torques) > 0.01).all(axis=1)
     for k, name in enumerate(TRUTH.names):
         step = 1e-9 if name[0] in 'pg' else 1e-6
@@ -49,7 +52,7 @@ def test_a_fit_scatters_as_predicted():
     robot = Robot.of(CELL, TRUTH)
     every = candidate_plan(robot, (10.0, 40.0), per_disc=12)
     predicted = predict(robot, every)
-    assert predicted.rank == 14 and tip_std(loaded_tip(robot, make_workspace(robot)), predicted).largest < 2e-5
+    assert predicted.rank == 14 and tip_std(tip_in_use(robot, 40.0)[:, :1], predicted).largest < 2e-5
     found = sk.calibrate(simulate_touches(CELL, ExtendedModel(TRUTH), every, CELL.noise, 5), CELL)
     np.testing.assert_allclose(found.std, predicted.std, rtol=0.15)
     assert np.abs((found.parameters.as_array() - TRUTH.as_array()) / found.std).max() < 4.0

@@ -78,7 +78,7 @@ def _content(selection: Selection) -> Document:
         'direction': study.direction,
         f'{driven}_error': {**both, 'unit': study.records[0].unit(unit)},
         'candidates': candidates,
-        'parameters': {each.law.name: each.parameters for each in (before, selected) if each},
+        'parameters': selection.stated,
     }
 
 
@@ -197,12 +197,11 @@ def verdict(selection: Selection) -> Verdict:
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
     errors = f'{held_out} falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
-    is_complete = selection.p_after >= LEVEL / 2
     rest = 'No further dependence of the residual was found'
-    if not is_complete:
+    if not selection.is_complete:
         rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
     rest += f' ({p_equals(selection.p_after)}).'
-    level = 'good' if is_complete and not selection.rivals else 'caution'
+    level = 'good' if selection.is_complete and not selection.rivals else 'caution'
     return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
 
 
@@ -243,6 +242,8 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     study, record = selection.study, selection.study.records[0]
     _, uncertainty, errors = _words(selection)
     note = f'Standard deviations: {uncertainty}.'
+    if not selection.is_complete:
+        note = 'No law is complete: this is no compliance and no gap of the joint, and has no standard deviation.'
     if study.driven_by != MOTION:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
@@ -340,17 +341,16 @@ def _dependence_table(selection: Selection) -> Table:
 def _parameter_table(selection: Selection) -> Table:
     """Parameters of law (6) and of the selected law, or of the gap that it takes."""
     record = selection.study.records[0]
-    laws = {'before': selection.before}
+    columns = dict(zip(('before', 'after'), selection.stated.values(), strict=False))
     if selection.needs_memory:
-        laws['gap that keeps its place'] = selection.candidates[0]  # it comes first
-    elif selection.selected:
-        laws['after'] = selection.selected
+        columns['gap that keeps its place'] = selection.candidates[0].parameters  # it comes first
     rows = []
     for name, (title, _) in PARAMETERS.items():
-        found = [each.parameters.get(name) for each in laws.values()]
+        found = [each.get(name) for each in columns.values()]
         if any(found):
             rows.append((record.words(title), *(shown(*each).text if each else '' for each in found)))
-    return Table(('parameter', *laws), ('',) * (1 + len(laws)), tuple(rows))
+    headings = [name if selection.is_complete else f'{name}: fit only' for name in columns]
+    return Table(('parameter', *headings), ('',) * (1 + len(columns)), tuple(rows))
 
 
 def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
@@ -469,10 +469,15 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
     if analysis.loops:
         loops = hysteresis_report(analysis.loops)
         blocks.append(Section(loops.title, (loops.answer, *loops.blocks)))
-    what = [TITLES[name] for name in analysis.parts] + ['loops'] * bool(analysis.loops)
+    incomplete = [each.study.records[0].name for each in analysis.loops if not each.is_complete]
+    what = [TITLES[name] for name in analysis.parts] + ['loops'] * (len(analysis.loops) > len(incomplete))
+    answer = Verdict(f'Compliance and backlash: {", ".join(what) or "not determined"}')
+    if incomplete:
+        why = f'{", ".join(incomplete)}: no law is complete, so that compliance and gap are not determined.'
+        answer = answer._replace(level='bad', sentences=(why,))
     return Report(
         title='Compliance and backlash by dial gauge',
-        answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
+        answer=answer,
         blocks=tuple(blocks),
         source=', '.join(analysis.sources),
         remarks=analysis.warnings,

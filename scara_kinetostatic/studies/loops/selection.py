@@ -195,20 +195,26 @@ def _quantiles(free: float, tests: int = len(_OF_LOAD)) -> float:
     return float(stats.t.isf(LEVEL / (4 * tests), free) + stats.t.isf(1 - POWER, free))
 
 
+def _tested(found: float, variance: float, free: float, size: float) -> _Test:
+    """p-value of a quantity being 0, and the sums of squares, `size` times its square, that it explains, and that would
+    have been found.
+    """
+    p_value = 2 * float(stats.t.sf(abs(found) / np.sqrt(variance), free))
+    return p_value, found**2 * size, _quantiles(free) ** 2 * variance * size
+
+
 def _difference(before: Floats, after: Floats, tolerance: float) -> _Test:
-    """p-value of equal means, and the sums of squares that the difference explains, and that would have been found."""
+    """Of equal means."""
     if min(len(before), len(after)) < 2:
         return _UNTESTED
-    difference = float(after.mean() - before.mean())
     parts = [float(each.var(ddof=1)) / len(each) for each in (before, after)]
     variance = sum(parts) + tolerance**2
     free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), 1e-300)
-    p_value = 2 * float(stats.t.sf(abs(difference) / np.sqrt(variance), min(free, 1e6)))
-    return p_value, difference**2 * len(after), _quantiles(min(free, 1e6)) ** 2 * variance * len(after)
+    return _tested(float(after.mean() - before.mean()), variance, min(free, 1e6), len(after))
 
 
 def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[_Test]:
-    """p-values of no slope over load and over time, and the sums of squares as for `_difference`."""
+    """Of no slope over load and over time."""
     count = len(residual)
     if count < 6 or not np.ptp(residual) > 0:  # two slopes and their scatter
         return [_UNTESTED] * 2
@@ -217,13 +223,10 @@ def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> l
     beta, _, rank, _ = np.linalg.lstsq(design, residual, rcond=1e-6)
     if rank < 3:
         return [_UNTESTED] * 2
-    left = residual - design @ beta
+    left, squares = residual - design @ beta, design.T @ design
     free = max(effective_count(left) - 3.0, 1.0) if np.ptp(left) > 0 else count - 3.0
-    variance = float(left @ left) / free * np.diagonal(np.linalg.inv(design.T @ design)) + tolerance**2
-    sizes = np.diagonal(design.T @ design)
-    p_values = 2 * stats.t.sf(np.abs(beta) / np.sqrt(variance), free)
-    detectable = _quantiles(free) ** 2 * variance * sizes
-    return [(float(p_values[k]), float(beta[k] ** 2 * sizes[k]), float(detectable[k])) for k in (1, 2)]
+    variance = float(left @ left) / free * np.diagonal(np.linalg.inv(squares)) + tolerance**2
+    return [_tested(float(beta[k]), float(variance[k]), free, float(squares[k, k])) for k in (1, 2)]
 
 
 BIC_GAIN = 2.0
@@ -543,6 +546,21 @@ class Selection(NamedTuple):
     def final(self) -> Candidate:
         """The selected law, or law (6) if none is selected."""
         return self.selected or self.before
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the residual of the law that is stated was not found to depend on anything."""
+        return self.p_after >= LEVEL / 2
+
+    @property
+    def stated(self) -> dict[str, dict[str, Estimate]]:
+        """The parameters of law (6) and of the selected law, by their names; without standard deviations where no law
+        is complete: they are then no compliance and no gap of the joint.
+        """
+        found = {each.law.name: each.parameters for each in (self.before, self.selected) if each}
+        if self.is_complete:
+            return found
+        return {law: {name: each._replace(std=np.nan) for name, each in own.items()} for law, own in found.items()}
 
     @property
     def judged(self) -> tuple[Judged, ...]:
