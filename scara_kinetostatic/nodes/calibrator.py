@@ -48,7 +48,7 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, quantity
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
-from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, PARAMETERS, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.conversion import diagnostic, pose_stamped, touch_of, touches_in
 from scara_kinetostatic.nodes.monitor import was_seen
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
@@ -59,7 +59,6 @@ from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.touches.left_out import parse_left_out
 
-CHOICES = 'session', 'last', 'all'
 _EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
 """How the names of effects' parameters begin."""
 _TYPES = {
@@ -114,7 +113,7 @@ class Announced:
         """The recordings to calibrate together.
 
         Args:
-            which: one of `CHOICES`.
+            which: `session`, `last` or `all`.
         """
         return list({'session': self._session, 'last': self._session[-1:], 'all': self._all}[which])
 
@@ -293,6 +292,28 @@ def _nearest(planner: Planner) -> PlannedTouches:
     return planner.accurate(together)
 
 
+def _check_cell(name: str, path: str) -> None:
+    if path:
+        load_cell(CellNode.place(name, path))
+
+
+def _check_name(name: str, value: str) -> None:
+    if value and not re.fullmatch(r'[A-Za-z0-9_-][A-Za-z0-9._-]*', value):
+        raise ParameterError(f'parameter {name}', f'expected letters, digits, . _ or -, got {value!r}')
+    if value == UNFIT:
+        problem = f'{UNFIT!r} is the folder of results that are not fit for use'
+        raise ParameterError(f'parameter {name}', problem, 'take another')
+
+
+def _check_left_out(name: str, value: Sequence[str]) -> None:
+    parse_left_out(list(filter(str.strip, value)), f'parameter {name}')
+
+
+def _check_fixed(name: str, value: Sequence[str]) -> None:
+    for text in filter(str.strip, value):
+        parse_fixed(text, f'parameter {name}:')
+
+
 class Calibrator(CellNode):
     """Calibrates on request. One thread spins it.
 
@@ -301,11 +322,10 @@ class Calibrator(CellNode):
         ParameterError: a parameter is not valid.
     """
 
+    checks = {'cell': _check_cell, 'name': _check_name, 'leave_out': _check_left_out, 'fixed': _check_fixed}
+
     def __init__(self) -> None:
         super().__init__('calibrator')
-        for name in PARAMETERS['calibrator']:
-            _check(name, self.value(name))
-        self.add_on_set_parameters_callback(_check_parameters)
         self._announced = Announced()
         self._results = ResultParameters(self)
         self._process: CalibrationProcess | None = None
@@ -526,42 +546,6 @@ class Calibrator(CellNode):
         present = f'{facts.get("assessment") or "not assessed"}, {_origin(facts)}' if self._results.exist else 'none'
         values = {'present result': present, 'next touch': self._guidance.text or 'none: a cell with limits is needed'}
         return self._condition._replace(values=self._condition.values | values)
-
-
-def _listed(value: Any) -> list[str]:
-    return [str(text) for text in value or [] if str(text).strip()]
-
-
-def _check(name: str, value: Any) -> None:
-    """Check the value of a parameter.
-
-    Raises:
-        InputError: it makes no sense.
-    """
-    where = f'parameter {name}'
-    if name == 'cell' and value:
-        load_cell(CellNode.place(name, str(value)))
-    elif name == 'announced' and value not in CHOICES:
-        raise ParameterError(where, f'expected {", ".join(CHOICES)}, got {value!r}')
-    elif name == 'name' and value and not re.fullmatch(r'[A-Za-z0-9_-][A-Za-z0-9._-]*', str(value)):
-        raise ParameterError(where, f'expected letters, digits, . _ or -, got {value!r}')
-    elif name == 'name' and value == UNFIT:
-        raise ParameterError(where, f'{UNFIT!r} is the folder of results that are not fit for use', 'take another')
-    elif name == 'leave_out':
-        parse_left_out(_listed(value), where)
-    elif name == 'fixed':
-        for text in _listed(value):
-            parse_fixed(text, f'{where}:')
-
-
-def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
-    """Refuses values that cannot be used."""
-    try:
-        for parameter in parameters:
-            _check(parameter.name, parameter.value)
-    except ScaraKinetostaticError as error:
-        return SetParametersResult(successful=False, reason=str(error))
-    return SetParametersResult(successful=True)
 
 
 def _in_one_line(facts: Mapping[str, Any]) -> str:

@@ -14,11 +14,12 @@ from time import time_ns
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from std_msgs.msg import String
@@ -75,11 +76,14 @@ class CellNode(Node):
         executor_type: of the executor that spins it.
         rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
             takes all waiting messages of a topic at once needs less time if several are waiting.
+        checks: of parameters by name, at the start and whenever they are set: called with the name and the value, they
+            raise an `InputError` where it makes no sense.
         exit_status: set by a node that has done what it had to, and ends; also by `close`.
     """
 
     executor_type: type[Executor] = SingleThreadedExecutor
     rest = 0.0
+    checks: Mapping[str, Callable[[str, Any], object]] = {}
     exit_status: int | None = None
 
     def __init__(self, name: str = '') -> None:
@@ -88,6 +92,7 @@ class CellNode(Node):
         for each, stated in self._stated.items():
             if 'default' in stated:
                 self.declare(each, stated['default'])
+        self.add_on_set_parameters_callback(self._refuse_parameters)
 
     def declare(self, name: str, default: Any) -> Any:
         """Declares a parameter of the type of its default, and gives its value.
@@ -100,7 +105,7 @@ class CellNode(Node):
             ParameterError: the node was started with a value that is not valid.
         """
         stated = self._stated[name]
-        is_fixed, range, choices = not stated.get('changes'), stated.get('range'), stated.get('choices')
+        is_fixed, range = not stated.get('changes'), stated.get('range')
         descriptor = ParameterDescriptor(description=stated['meaning'], read_only=is_fixed)
         if range and isinstance(default, float):
             low, high = map(float, range)
@@ -116,9 +121,30 @@ class CellNode(Node):
         except InvalidParameterValueException as error:
             raise ParameterError(f'parameter {name}', str(error)) from error
         value = self.value(name)
-        if choices and value not in choices:
-            raise ParameterError(f'parameter {name}', f'expected {", ".join(choices)}, got {value!r}')
+        self._check(name, value)
         return value
+
+    def _check(self, name: str, value: Any) -> None:
+        """Check the value of a parameter.
+
+        Raises:
+            InputError: it makes no sense.
+        """
+        choices = self._stated.get(name, {}).get('choices')
+        if choices and value not in choices:
+            expected = ', '.join(filter(None, choices))
+            raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}')
+        if name in self.checks:
+            self.checks[name](name, value)
+
+    def _refuse_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Refuses values that make no sense."""
+        try:
+            for each in parameters:
+                self._check(each.name, each.value)
+        except ScaraKinetostaticError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
     def value(self, name: str) -> Any:
         """The value of a parameter now; of a list, the texts that are not empty."""

@@ -23,10 +23,8 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -35,7 +33,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
-from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
@@ -185,8 +183,6 @@ class ContactSimulator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('contact_simulator')
-        self.add_on_set_parameters_callback(_check_fault)
-        self.declare('fault', '')  # after its check
         self._cell = self._declared_cell()
         self._plan = self._declared_plan()
         self._truth = self._declared_truth()
@@ -214,15 +210,9 @@ class ContactSimulator(CellNode):
 
     def _declared_cell(self) -> Cell:
         """The cell, with the frame and the sign that the simulated sensor really has."""
-        cell, taken = self.cell_or_example(), dict[str, Any]()
-        for name in ('frame', 'sign'):
-            kind = type(getattr(cell.sensor, name))
-            choices = ' or '.join(choice.value for choice in kind)
-            given = self.value(name)
-            try:
-                taken |= {name: kind(given)} if given else {}
-            except ValueError:
-                raise ParameterError(f'parameter {name}', f'expected {choices}, got {given!r}') from None
+        cell = self.cell_or_example()
+        kinds = {'frame': SensorFrame, 'sign': SensorSign}
+        taken = {name: kind(given) for name, kind in kinds.items() if (given := self.value(name))}
         return replace(cell, sensor=cell.sensor._replace(**taken))
 
     def _declared_plan(self) -> Plan | tuple[Slide, ...] | None:
@@ -368,11 +358,3 @@ class ContactSimulator(CellNode):
         self._timer.cancel()
         self._finished.publish(Bool(data=True))
         self.get_logger().info('the plan is finished')
-
-
-def _check_fault(parameters: Sequence[Parameter]) -> SetParametersResult:
-    """Refuses a fault that does not exist."""
-    faults = [fault.value for fault in Fault]
-    unknown = any(p.name == 'fault' and p.value not in faults for p in parameters)
-    reason = f'expected one of {", ".join(filter(None, faults))}' if unknown else ''
-    return SetParametersResult(successful=not unknown, reason=reason)

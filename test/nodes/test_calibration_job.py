@@ -20,7 +20,7 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.calibration_job import Job, do
-from scara_kinetostatic.nodes.calibrator import CHOICES, Announced
+from scara_kinetostatic.nodes.calibrator import Announced
 from scara_kinetostatic.results import report as page
 from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.simulation.plan import default_plan
@@ -168,7 +168,7 @@ def test_announced_recordings_that_belong_together(announcements, session, last,
     announced = Announced()
     for path, number in announcements:
         announced.note(path, number)
-    assert [announced.chosen(which) for which in CHOICES] == [session, last, everything]
+    assert [announced.chosen(which) for which in ('session', 'last', 'all')] == [session, last, everything]
 
 
 def test_a_recording_that_was_stopped_ends_the_session():

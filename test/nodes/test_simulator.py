@@ -112,7 +112,7 @@ def test_a_plan_says_all_about_the_touches(spin, tmp_path):
 @pytest.mark.parametrize(
     ('argument', 'error', 'message'),
     [
-        ('sign:=backwards', ParameterError, 'parameter sign: expected on_object or on_robot'),
+        ('sign:=backwards', ParameterError, 'parameter sign: expected on_object, on_robot'),
         ('time_factor:=2', ParameterError, 'parameter time_factor: expected a number with a decimal point'),
         ('truth.l1:=.nan', ParameterError, 'parameter truth.l1'),
         ('preload:=30.0', ParameterError, 'parameter preload'),
