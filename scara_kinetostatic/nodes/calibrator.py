@@ -16,10 +16,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -49,7 +49,7 @@ from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.conversion import diagnostic, pose_stamped, touch_of, touches_in
+from scara_kinetostatic.nodes.conversion import pose_stamped, touch_of, touches_in
 from scara_kinetostatic.nodes.monitor import was_seen
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
@@ -267,17 +267,16 @@ class Guidance:
             return
         planned = _nearest(planner)
         plan, place = planned.plan, planned.plan.contact(cell)[0].tolist()
-        stamp = int(self._node.get_clock().now().nanoseconds)
-        self._next.publish(pose_stamped(stamp, cell.plane, (place[0], place[1], float(plan.direction(cell)[0]))))
+        self._next.publish(
+            pose_stamped(self._node.now(), cell.plane, (place[0], place[1], float(plan.direction(cell)[0])))
+        )
         values |= {'object': cell.discs[int(plan.disc[0])].name, 'angle_deg': float(np.degrees(plan.angle[0]))}
         values |= {'force_N': float(plan.force[0]), 'reason': planned.reasons[0]}
         self._publish(OK, f'next: {planned.sentence(cell)}; {tip}', values)
 
     def _publish(self, level: bytes, text: str, values: Mapping[str, object]) -> None:
         self.text = text
-        array = diagnostic(f'{self._node.get_fully_qualified_name()}: next touch', level, text, values)
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._state.publish(array)
+        self._state.publish(self._node.status('next touch', level, text, values))
 
 
 def _nearest(planner: Planner) -> PlannedTouches:
@@ -322,7 +321,7 @@ class Calibrator(CellNode):
         ParameterError: a parameter is not valid.
     """
 
-    checks = {'cell': _check_cell, 'name': _check_name, 'leave_out': _check_left_out, 'fixed': _check_fixed}
+    checks: ClassVar = {'cell': _check_cell, 'name': _check_name, 'leave_out': _check_left_out, 'fixed': _check_fixed}
 
     def __init__(self) -> None:
         super().__init__('calibrator')

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import time_ns
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -83,7 +83,7 @@ class CellNode(Node):
 
     executor_type: type[Executor] = SingleThreadedExecutor
     rest = 0.0
-    checks: Mapping[str, Callable[[str, Any], object]] = {}
+    checks: ClassVar[Mapping[str, Callable[[str, Any], object]]] = {}
     exit_status: int | None = None
 
     def __init__(self, name: str = '') -> None:

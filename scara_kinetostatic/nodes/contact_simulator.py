@@ -212,7 +212,7 @@ class ContactSimulator(CellNode):
         """The cell, with the frame and the sign that the simulated sensor really has."""
         cell = self.cell_or_example()
         kinds = {'frame': SensorFrame, 'sign': SensorSign}
-        taken = {name: kind(given) for name, kind in kinds.items() if (given := self.value(name))}
+        taken: dict[str, Any] = {name: kind(given) for name, kind in kinds.items() if (given := self.value(name))}
         return replace(cell, sensor=cell.sensor._replace(**taken))
 
     def _declared_plan(self) -> Plan | tuple[Slide, ...] | None:

@@ -18,17 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import (
-    Point,
-    Pose,
-    PoseStamped,
-    Quaternion,
-    Transform,
-    TransformStamped,
-    Vector3,
-    Wrench,
-    WrenchStamped,
-)
+from geometry_msgs import msg as geometry
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
@@ -99,10 +89,12 @@ def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
     return JointState(header=Header(stamp=stamp_of(int(sample[0]))), name=list(names), position=list(sample[1:]))
 
 
-def wrench(sample: Sequence[float], frame_id: str) -> WrenchStamped:
+def wrench(sample: Sequence[float], frame_id: str) -> geometry.WrenchStamped:
     """A message with a stamp, ns, and a force, (2,) or (3,); all else is 0."""
     header = Header(frame_id=frame_id, stamp=stamp_of(int(sample[0])))
-    return WrenchStamped(header=header, wrench=Wrench(force=Vector3(**_axes([float(f) for f in sample[1:]]))))
+    return geometry.WrenchStamped(
+        header=header, wrench=geometry.Wrench(force=geometry.Vector3(**_axes([float(f) for f in sample[1:]])))
+    )
 
 
 def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]], list[Sequence[float]]]:
@@ -192,17 +184,17 @@ def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
         raise InputError(purpose, 'control_msgs cannot be imported', f'install control_msgs, or {remedy}') from error
 
 
-def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> PoseStamped:
+def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> geometry.PoseStamped:
     """A pose in the plane, x, y, m, and the angle of its x axis, rad, in the robot's frame."""
-    return PoseStamped(header=_header(stamp_ns, plane), pose=_pose(*_in_robot(plane, place)))
+    return geometry.PoseStamped(header=_header(stamp_ns, plane), pose=_pose(*_in_robot(plane, place)))
 
 
 def _header(stamp_ns: int, plane: Plane) -> Header:
     return Header(stamp=stamp_of(stamp_ns), frame_id=plane.frame)
 
 
-def _pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
-    return Pose(position=Point(**_axes(place)), orientation=Quaternion(**_axes(quaternion)))
+def _pose(place: Sequence[float], quaternion: Sequence[float]) -> geometry.Pose:
+    return geometry.Pose(position=geometry.Point(**_axes(place)), orientation=geometry.Quaternion(**_axes(quaternion)))
 
 
 def _axes(numbers: Sequence[float]) -> dict[str, float]:
@@ -229,11 +221,13 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
     return PathMessage(header=_header(stamp_ns, plane), poses=poses)
 
 
-def transform(stamp_ns: int, plane: Plane, pose: Sequence[float], child: str) -> TransformStamped:
+def transform(stamp_ns: int, plane: Plane, pose: Sequence[float], child: str) -> geometry.TransformStamped:
     """The transform from the robot's frame to a child at a pose in the plane, x, y, m, and yaw, rad."""
     place, quaternion = _in_robot(plane, pose)
-    moved = Transform(translation=Vector3(**_axes(place)), rotation=Quaternion(**_axes(quaternion)))
-    return TransformStamped(header=_header(stamp_ns, plane), child_frame_id=child, transform=moved)
+    moved = geometry.Transform(
+        translation=geometry.Vector3(**_axes(place)), rotation=geometry.Quaternion(**_axes(quaternion))
+    )
+    return geometry.TransformStamped(header=_header(stamp_ns, plane), child_frame_id=child, transform=moved)
 
 
 class JointReader:
@@ -415,10 +409,10 @@ def _marker(primitive: Primitive, plane: Plane) -> Marker:
     red, green, blue, opacity = primitive.colour
     marker = Marker(ns=primitive.group, type=kind, action=Marker.ADD, text=primitive.text)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
-    marker.scale = Vector3(**_axes(scale))
+    marker.scale = geometry.Vector3(**_axes(scale))
     at: tuple[float, ...] = (0.0, 0.0, 0.0)
     if primitive.shape in ('strip', 'arrow'):
-        marker.points = [Point(**_axes(point)) for point in primitive.points]
+        marker.points = [geometry.Point(**_axes(point)) for point in primitive.points]
     else:
         at = primitive.points[0]
     marker.pose = _pose(plane.in_robot(np.array(at)).tolist(), plane.quaternion)
