@@ -16,22 +16,19 @@ Touches are looked for by steady time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String, UInt32
 
-from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Indices
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, PersistentComplaints, RefusedError
-from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.session import JudgedTouch, Session
-from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, CellStreams, Stream
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, Condition, PersistentComplaints, RefusedError
+from scara_kinetostatic.nodes.session import JudgedTouch, RecordingNode, Session
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, CellStreams
 
 
-class Collector(CellNode):
+class Collector(RecordingNode):
     """Records on request.
 
     Raises:
@@ -44,7 +41,6 @@ class Collector(CellNode):
         super().__init__('collector')
         self._cell = self.cell_or_example()
         self._autostart = self.value('autostart')
-        self._session: Session | None = None
         self._heard_before, self._failure = np.zeros((2, 3), dtype=np.intp), ''
         self._complaints = PersistentComplaints(self.get_logger().warning)
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
@@ -52,7 +48,7 @@ class Collector(CellNode):
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
         self._stopped = self.create_publisher(String, '~/stopped', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms, judges=True)
-        self._streams.subscribe(self._take)
+        self._streams.subscribe(self._record)
         self.serve('start', self._start)
         self.serve('stop', self._stop)
         self.serve('discard_last', self._discard_last)
@@ -98,16 +94,9 @@ class Collector(CellNode):
         self._publish(session, [touch])
         return f'touch {touch.number} ({touch.object}) discarded; {session.touches} touches left'
 
-    @contextmanager
-    def _guarded(self) -> Iterator[None]:
-        """What fails in the block ends the recording; the node goes on."""
-        try:
-            yield
-        except (ScaraKinetostaticError, OSError) as error:
-            if self._session is not None:
-                self._session.abandon()
-            self._session, self._failure = None, ' '.join(str(error).split())
-            self.get_logger().error(f'recording failed: {self._failure}')
+    def _lost(self, reason: str) -> None:
+        self._failure = reason
+        self.get_logger().error(f'recording failed: {reason}')
 
     def _running(self) -> Session:
         """The recording.
@@ -171,12 +160,6 @@ class Collector(CellNode):
         """The topics that had messages since the recording began, but none that can be used."""
         heard = zip(self._streams.monitors.values(), self._heard() - self._heard_before, strict=True)
         return [f'{each.topic}: no usable message of {count}' for each, (count, bad, _) in heard if count == bad > 0]
-
-    def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
-        """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
-        if self._session is not None:
-            with self._guarded():
-                self._session.take(stream, message, self.log_time(received), sample)
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         """Records fixed transforms; touches before them are told as they were judged."""

@@ -29,7 +29,8 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter, deque
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from math import hypot
 from pathlib import Path
 from time import monotonic
@@ -38,8 +39,9 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
-from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.errors import OutputError, ScaraKinetostaticError, one_line
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
 from scara_kinetostatic.nodes.streams import CellStreams, Stream
 from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, no_touches
@@ -295,3 +297,29 @@ class Session:
     def _checkpoint(self) -> None:
         self._writer.checkpoint()
         self._secured, self._secured_at = True, monotonic()
+
+
+class RecordingNode(CellNode):
+    """A node that records: what fails in the recording ends it, not the node."""
+
+    _session: Session | None = None
+
+    def _lost(self, reason: str) -> None:
+        """Notes that the recording has failed; it is no more."""
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """What fails in the block ends the recording."""
+        try:
+            yield
+        except (ScaraKinetostaticError, OSError) as error:
+            if self._session is not None:
+                self._session.abandon()
+            self._session = None
+            self._lost(one_line(str(error)))
+
+    def _record(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
+        """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
+        if self._session is not None:
+            with self._guarded():
+                self._session.take(stream, message, self.log_time(received), sample)

@@ -50,7 +50,7 @@ from trajectory_msgs.msg import JointTrajectory
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, Condition, RefusedError
 from scara_kinetostatic.nodes.conversion import (
     NANOSECONDS,
     Sample,
@@ -59,7 +59,7 @@ from scara_kinetostatic.nodes.conversion import (
     pose_stamped,
 )
 from scara_kinetostatic.nodes.executables import ENDING
-from scara_kinetostatic.nodes.session import Session
+from scara_kinetostatic.nodes.session import RecordingNode, Session
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream, publishers_of
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.results.parameter_file import NAME, load_result
@@ -214,7 +214,7 @@ def _end_with_parent() -> None:
     Thread(target=watch, daemon=True).start()
 
 
-class TouchRunner(CellNode):
+class TouchRunner(RecordingNode):
     """Runs the touches. Another process calibrates: in a thread of this one the samples would have to wait.
 
     Raises:
@@ -232,7 +232,6 @@ class TouchRunner(CellNode):
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
         self._work: ProcessPoolExecutor | None = None
-        self._session: Session | None = None
         self._process: CalibrationProcess | None = None
         self._result = ''
         self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * NANOSECONDS)
@@ -368,11 +367,7 @@ class TouchRunner(CellNode):
         return self.now() if self.get_clock().ros_time_is_active else monotonic_ns()
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
-        if self._session is not None:
-            try:
-                self._session.take(stream, message, self.log_time(received), sample)
-            except (ScaraKinetostaticError, OSError) as error:
-                self._lose_recording(error)
+        self._record(stream, message, received, sample)
         senses, now = self._runner.senses, 1e-9 * self._time()
         if sample is not None:
             self._apart[stream] = 1e-9 * (self.now() - sample.stamp_ns)
@@ -388,7 +383,8 @@ class TouchRunner(CellNode):
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         if self._session is not None:
-            self._session.take_transforms(message, self.now(), anew)
+            with self._guarded():
+                self._session.take_transforms(message, self.now(), anew)
 
     def _detect(self) -> Detection:
         """The touches that were found and are on the disk."""
@@ -399,23 +395,18 @@ class TouchRunner(CellNode):
         latest, self._session.latest = self._session.latest, Detection(no_touches())
         return latest
 
-    def _lose_recording(self, error: Exception) -> None:
+    def _lost(self, reason: str) -> None:
         """The recording cannot go on: nor can the run."""
-        if self._session is not None:
-            self._session.abandon()
-        self._session = None
-        self._runner.fail(f'the recording failed: {error}')
+        self._runner.fail(f'the recording failed: {reason}')
 
     def _tick(self) -> None:
         now = self._time()
         if not self._is_running or (now - self._ticked < 2_000_000 and now >= self._ticked) or not self._is_zeroed():
             return
         self._ticked = now
-        try:
+        command = None
+        with self._guarded():  # of the recording, in `_detect`
             command = self._runner.tick(1e-9 * now)
-        except OSError as error:  # of the recording, in `_detect`
-            self._lose_recording(error)
-            return
         if command is not None:
             self._controller.send(command)
             self._runner.note(1e-9 * self._time())
