@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags.forms import CELL, T0, assert_same, force_messages, joint_messages, make_streams, write_mcap
+from bags.forms import CELL, T0, force_messages, joint_messages, make_streams, write_mcap
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.errors import RecordingError
@@ -95,10 +95,6 @@ def test_stamps_that_are_refused(tmp_path, joints, wrench, times, refusal):
         record(tmp_path, joints, wrench, *times)
 
 
-AT = T0 + 40 * SECOND
-EVEN = T0 + np.arange(600) * SECOND // 5, T0 + np.arange(800) * 3 * SECOND // 20
-HELD_UP = np.where((EVEN[1] > AT) & (EVEN[1] < AT + 12 * SECOND), AT + 6 * SECOND + (EVEN[1] - AT) // 2, EVEN[1])
-"""One topic waits longer in its queue than the other, for a twentieth of the time, and catches up."""
 BUSY = [stamp + (np.sin((stamp - T0) / SECOND) ** 2 * 0.6 * SECOND).astype(np.int64) for stamp in (JOINTS, WRENCH)]
 """Both topics are received late, by up to 0.6 s, at the same moments; the lag of each by itself varies too much."""
 
@@ -107,13 +103,12 @@ BUSY = [stamp + (np.sin((stamp - T0) / SECOND) ** 2 * 0.6 * SECOND).astype(np.in
     ('stamps', 'times'),
     [
         ((JOINTS, WRENCH), (JOINTS + 7_000_000, WRENCH + 12_000_000)),
-        *((SLOW, (SLOW[0], SLOW[1] + k * SECOND - (SLOW[1] - T0) % (k * SECOND))) for k in (1, 4)),
-        (EVEN, (EVEN[0], HELD_UP)),
+        (SLOW, (SLOW[0], SLOW[1] + 4 * SECOND - (SLOW[1] - T0) % (4 * SECOND))),
         ([stamp - T0 + SECOND for stamp in SLOW], [T0 + (stamp - T0 + SECOND) // 5 for stamp in SLOW]),
         ([np.where(stamp > stamp[150], stamp + 3600 * SECOND, stamp) for stamp in (JOINTS, WRENCH)], ()),
         ((JOINTS, WRENCH), BUSY),
     ],
-    ids=['late', 'bursts', 'long bursts', 'stood still', 'simulated clock', 'pause', 'busy'],
+    ids=['late', 'bursts', 'simulated clock', 'pause', 'busy'],
 )
 def test_header_stamps_count_whatever_the_recorder_does(tmp_path, stamps, times):
     read = record(tmp_path, *stamps, *times)
@@ -129,11 +124,3 @@ def test_a_stated_offset_is_added(tmp_path):
     np.testing.assert_array_equal(read.joints.stamp, JOINTS)
     np.testing.assert_array_equal(read.wrench.stamp, WRENCH)
     assert read.warnings == ()
-
-
-def test_order_in_the_file_does_not_matter(tmp_path):
-    write_mcap(tmp_path / 'a.mcap', [*force_messages(MADE), *joint_messages(MADE)])
-    read = read_streams(tmp_path / 'a.mcap', CELL)
-    assert_same(read, MADE)
-    assert not read.joints.position.flags.writeable
-    assert not read.wrench.stamp.flags.writeable

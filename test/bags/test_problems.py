@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 import zstandard
 from bags.forms import (
     CELL,
@@ -258,7 +256,6 @@ def rewritten(text: str) -> Callable[[Path], None]:
     [
         (lost, 'metadata.yaml is missing'),
         (rewritten('rosbag2_bagfile_information: ['), 'metadata.yaml cannot be read'),
-        (rewritten('42'), 'metadata.yaml cannot be read'),
         (rewritten(''), 'metadata.yaml cannot be read'),
         (rewritten('rosbag2_bagfile_information: {relative_file_paths: 3}'), 'metadata.yaml cannot be read'),
         (
@@ -324,41 +321,35 @@ def test_compression_bombs_are_refused(tmp_path, streams):
     assert 'a chunk of 4398046511104 bytes, expected at most' in read_streams(tmp_path / 'a.mcap', CELL).warnings[0]
 
 
-DEEP = 'rosbag2_bagfile_information: ' + 50_000 * '[' + 50_000 * ']'
-MERGED = ''.join(f'a{n + 1}: &a{n + 1} {{<<: [*a{n}, *a{n}]}}\n' for n in range(40))
-DIGITS = 'big: ' + ':'.join(200_000 * ['59']) + '\n'
-
-
 @pytest.mark.parametrize(
-    ('head', 'reason'),
+    ('head', 'warnings'),
     [
-        (DEEP, 'line 1: (nested deeper than 32|exceeded maximum nesting depth)'),  # ours, or that of PyYAML 6.0.4
-        ('a0: &a0 {x: 1}\n' + MERGED, 'line 1: anchors and aliases are not allowed'),
-        (DIGITS, ''),
+        (
+            'a0: &a0 {x: 1}\n' + ''.join(f'a{n + 1}: &a{n + 1} {{<<: [*a{n}, *a{n}]}}\n' for n in range(40)),
+            [
+                'metadata.yaml cannot be read (line 1: anchors and aliases are not allowed): '
+                'all files of the folder were read, in order'
+            ],
+        ),
+        ('big: ' + ':'.join(200_000 * ['59']) + '\n', []),
     ],
+    ids=['merged', 'sexagesimal'],
 )
-def test_metadata_that_would_take_the_stack_or_all_time(tmp_path, cell, streams, head, reason):
+def test_metadata_that_would_take_all_time(tmp_path, cell, streams, head, warnings):
+    """By the same loader as that of a cell description, whose tests have what else it refuses."""
     write_streams(tmp_path / 'bag', streams, cell)
     metadata = tmp_path / 'bag/metadata.yaml'
-    metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
+    metadata.write_text(head + metadata.read_text())
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
-    warning = rf'metadata\.yaml cannot be read \({reason}\): all files of the folder were read, in order'
-    assert len(read.warnings) == bool(reason)
-    assert all(re.fullmatch(warning, said) for said in read.warnings)
-
-
-class _WithoutAliases(yaml.SafeDumper):
-    def ignore_aliases(self, data: object) -> bool:
-        return True
+    assert list(read.warnings) == warnings
 
 
 def test_a_file_that_is_listed_twice_is_read_once(tmp_path, cell, streams):
     write_streams(tmp_path / 'bag', streams, cell)
-    metadata = tmp_path / 'bag/metadata.yaml'
-    document = yaml.safe_load(metadata.read_text())
-    document['rosbag2_bagfile_information']['relative_file_paths'] *= 2
-    metadata.write_text(yaml.dump(document, Dumper=_WithoutAliases))
+    (tmp_path / 'bag/metadata.yaml').write_text(
+        'rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap, bag_0.mcap], topics_with_message_count: []}'
+    )
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
     assert read.warnings == ()

@@ -56,6 +56,7 @@ def test_own_forms(name, with_cell, tmp_path, cell, streams):
     assert_same(read, streams)
     assert read.warnings == ()
     assert read.source == str(path)
+    assert not (read.joints.position.flags.writeable or read.wrench.stamp.flags.writeable)
     assert embedded_cell(path) == (cell if with_cell else None)
     for file in [*path.glob('*.mcap'), *path.glob('*.db3')]:
         assert_same(read_streams(file, cell), streams)

@@ -73,7 +73,6 @@ def on_axes(messages: list[Message], turn: list[list[float]]) -> list[Message]:
     ('turn', 'said'),
     [
         ([[1, 0, 0], [0, 0, 1], [0, 1, 0]], '/wrench has the force of contact in fx and fz, none in fy'),
-        ([[1, 0, 0], [0, 0, -1], [0, -1, 0]], '/wrench has the force of contact in fx and fz, none in fy'),
         ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], '/wrench has the force of contact in fy and fz, none in fx'),
         ([[1, 0, 0], [0, 0.03, 1], [0, 1, -0.03]], '/wrench has the force of contact in fx and fz, none in fy'),
     ],
@@ -134,14 +133,9 @@ def test_the_writer_keeps_transforms(tmp_path, streams):
     assert read_streams(tmp_path / 'bag', TOOL_CELL).turned
 
 
-def test_a_message_that_is_none_is_named():
+def test_a_damaged_message_is_named(tmp_path, streams):
     (found,) = decode_transforms(transform_message('a', 'b', 0.0))
     assert found == ('a', 'b', (0.0, 0.0, 0.0, 1.0))
-    with pytest.raises(ValueError, match=TF_STATIC):
-        decode_transforms(b'\0\1\0\0\1\0\0\0')
-
-
-def test_a_damaged_message_is_no_crash(tmp_path, streams):
     messages = mounted_messages(streams)[:100]
     damaged = Message(TF_STATIC, TF_MESSAGE, messages[0].log_time, b'\0\1\0\0\1\0\0\0')
     write_mcap(tmp_path / 'bag.mcap', [damaged, *messages])

@@ -16,19 +16,19 @@ from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchC
 from scara_kinetostatic.simulation.plan import Plan
 
 CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
-BRISK = Timing(travel=0.3, pause=0.02, approach=0.2, hold=0.3, release=0.1, retract=0.1, speed=6.0)
+BRISK = Timing(travel=0.2, pause=0.02, approach=0.1, hold=0.15, release=0.05, retract=0.05, speed=6.0)
 
 
 @pytest.fixture(scope='session')
 def plan() -> Plan:
-    """24 touches, or some less where the arm does not reach."""
-    return preload_plan(CELL, per_disc=4)
+    """18 touches, or some less where the arm does not reach."""
+    return preload_plan(CELL, per_disc=3)
 
 
 @pytest.fixture(scope='session')
-def few(plan: Plan) -> Plan:
-    """Some of them: both postures, all discs and forces."""
-    return plan.select(np.arange(0, len(plan), 5))
+def few() -> Plan:
+    """Three touches: both postures, all discs and forces, one with preload."""
+    return preload_plan(CELL, per_disc=4).select(np.array([0, 10, 15]))
 
 
 @pytest.fixture(scope='session')
@@ -39,5 +39,5 @@ def motion(plan: Plan) -> Callable[[str], SimulatedMotion]:
 
 @pytest.fixture(scope='session')
 def played_few(few: Plan) -> Callable[[str], SimulatedMotion]:
-    """The same of the few."""
+    """The same of three touches."""
     return cache(lambda name: TouchController(scene_named(name), CELL, few, BRISK).run())

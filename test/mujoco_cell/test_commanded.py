@@ -27,32 +27,31 @@ def go(at: Plant, joints: np.ndarray, lift: float, duration: float) -> Reading:
     return at.step(at.time + duration + 0.3)
 
 
-@pytest.mark.parametrize('frame', list(SensorFrame))
-def test_a_pressed_tip_has_the_force_of_the_model(frame: SensorFrame) -> None:
+@pytest.mark.parametrize(('frame', 'angle'), zip(SensorFrame, (-1.2, -2.0), strict=True))
+def test_a_pressed_tip_has_the_force_of_the_model(frame: SensorFrame, angle: float) -> None:
     """The engine's joints come to rest where the model has them, frictionless, to 1 % of the force."""
     cell = replace(CELL, sensor=CELL.sensor._replace(frame=frame))
     at = Plant(cell, EngineBody(scene_named('plain'), cell), sensors=SensorModel.ideal(250.0))
-    for angle in (-1.2, -2.0):
-        out = np.array([np.cos(angle), np.sin(angle)])
-        place = np.array([[DISC.x, DISC.y]]) + DISC.radius * out
-        free = inverse(PAPER_ACTUAL, place + 0.01 * out, 1)[0]
-        pressed = inverse_kinetostatics(PAPER_ACTUAL, place, -30.0 * out[None], np.array([1]), cell.gripper)[0][0]
-        assert go(at, free, 0.02, 2.0).touched == ''
-        assert go(at, free, 0.0, 0.3).touched == ''
-        last = go(at, pressed, 0.0, 2.0)
-        assert last.touched == 'disc_2'
-        assert last.true_force == pytest.approx(-30.0 * out, abs=0.3)
-        assert last.joints == pytest.approx([*at.body.joints, 0.0], abs=1e-6)
-        angle_of_link = at.body._engine.link2_angle if frame is SensorFrame.TOOL else 0.0
-        assert last.force == pytest.approx(rotate(np.array(last.true_force), -angle_of_link))
-        go(at, free, 0.0, 1.0)
-        assert go(at, free, 0.02, 0.3).true_force == (0.0, 0.0)
+    out = np.array([np.cos(angle), np.sin(angle)])
+    place = np.array([[DISC.x, DISC.y]]) + DISC.radius * out
+    free = inverse(PAPER_ACTUAL, place + 0.01 * out, 1)[0]
+    pressed = inverse_kinetostatics(PAPER_ACTUAL, place, -30.0 * out[None], np.array([1]), cell.gripper)[0][0]
+    assert go(at, free, 0.02, 2.0).touched == ''
+    assert go(at, free, 0.0, 0.3).touched == ''
+    last = go(at, pressed, 0.0, 2.0)
+    assert last.touched == 'disc_2'
+    assert last.true_force == pytest.approx(-30.0 * out, abs=0.3)
+    assert last.joints == pytest.approx([*at.body.joints, 0.0], abs=1e-6)
+    angle_of_link = at.body._engine.link2_angle if frame is SensorFrame.TOOL else 0.0
+    assert last.force == pytest.approx(rotate(np.array(last.true_force), -angle_of_link))
+    go(at, free, 0.0, 1.0)
+    assert go(at, free, 0.02, 0.3).true_force == (0.0, 0.0)
 
 
 def test_a_tip_that_is_dragged_aside_has_the_whole_friction() -> None:
     """Under the force, and as it eases, whatever the tip did before: the force is off the normal by the coefficient."""
     at = Plant(CELL, EngineBody(replace(scene_named('plain'), contact_friction=0.15), CELL))
-    for angle in 0.3 + 2 * np.pi / 3 * np.arange(3):
+    for angle in (0.3, 2.4):
         out = np.array([[np.cos(angle), np.sin(angle)]])
         place, other = np.array([[DISC.x, DISC.y]]) + DISC.radius * out, np.array([-out[0, 1], out[0, 0]])
         for side in (1, -1):
@@ -77,7 +76,7 @@ def test_a_tip_that_is_dragged_aside_has_the_whole_friction() -> None:
 def test_a_tip_that_slides_as_it_retracts_stays_in_contact_until_the_force_is_gone() -> None:
     """With contacts as hard as the engine makes them it bounces, and the force jumps by tens of newtons."""
     at = Plant(CELL, EngineBody(replace(scene_named('plain'), contact_friction=0.1), CELL))
-    for side, angle in ((1, 0.3), (-1, 1.9), (1, 3.4), (-1, 5.0)):
+    for side, angle in ((-1, 1.9), (1, 3.4)):
         out = np.array([[np.cos(angle), np.sin(angle)]])
         place = np.array([[DISC.x, DISC.y]]) + DISC.radius * out
         free, pressed = (inverse(PAPER_ACTUAL, place + off * out, side)[0] for off in (0.01, -1.5e-3))

@@ -147,7 +147,7 @@ WITH_BLOCK = replace(CELL, discs=(CELL.discs[0], BLOCK), tip_radius=0.005)
 
 
 def test_the_model_explains_a_block() -> None:
-    plan = default_plan(WITH_BLOCK, 8, preload=0.3)
+    plan = default_plan(WITH_BLOCK, 5, preload=0.3)
     motion = TouchController(SCENES['plain'], WITH_BLOCK, plan, BRISK).run()
     touches = as_touches(motion, WITH_BLOCK, plan)
     exact = calibrate(touches, WITH_BLOCK)

@@ -24,7 +24,7 @@ LIMITS = ((-2.6, 2.6), (-2.6, 2.6))
 CELL = replace(PAPER_CELL, limits=LIMITS)
 LIFTED = replace(CELL, limits=((-3.3, 3.3), (-3.3, 3.3)), lift=Lift('z', 0.02, 0.0), hold={'wrist': 0.5})
 IDEAL = SensorModel.ideal(250.0)
-STEP = 0.004
+STEP, COARSE = 0.004, 0.02
 
 
 def plant(cell: Cell = CELL, effects: Iterable[str] = (), sensors: SensorModel = IDEAL, **settings: object) -> Plant:
@@ -35,8 +35,14 @@ def plant(cell: Cell = CELL, effects: Iterable[str] = (), sensors: SensorModel =
 def go(at: Plant, positions: Iterable[float], duration: float = 0.5, rest: float = 0.3) -> list[Reading]:
     """To a place, and until the joints have followed."""
     at.command(at.names, [duration], [list(positions)])
-    end = at.time + duration + rest
-    return [at.step(at.time + STEP) for _ in range(round((end - at.time) / STEP))]
+    return [at.step(at.time + STEP) for _ in range(round((duration + rest) / STEP))]
+
+
+def reach(at: Plant, positions: Iterable[float], duration: float = 0.5) -> Reading:
+    """The same, where the way itself does not matter: in coarse steps of time."""
+    at.body.tick = COARSE
+    at.command(at.names, [duration], [list(positions)])
+    return at.step(at.time + duration + 0.3)
 
 
 def beside(disc: Disc, depth: float, angle: float = -np.pi / 2) -> list[float]:
@@ -63,14 +69,14 @@ def test_a_held_touch_has_the_force_of_the_plan(effects: list[str], tolerance: f
     at = plant(LIFTED, effects, overload=1e3, start=tuple(planned.free_joints[0]))
     for k in range(len(plan)):
         poses = [planned.free_joints[k], planned.contact_joints[k], planned.peak_joints[k], planned.hold_joints[k]]
-        go(at, [*poses[0], 0.02, 0.5], 1.2)
-        for joints in (*poses[: 4 if plan.preload[k] else 2], poses[3]):
-            last = go(at, [*joints, 0.0, 0.5])[-1]
+        reach(at, [*poses[0], 0.02, 0.5], 1.2)
+        for joints in poses if plan.preload[k] else [poses[0], poses[1], poses[3]]:
+            last = reach(at, [*joints, 0.0, 0.5])
         assert last.true_force == pytest.approx(planned.hold_force[k], abs=tolerance)
         assert last.force == pytest.approx(last.true_force, abs=1e-9)
         assert last.touched == LIFTED.discs[plan.disc[k]].name
-        assert go(at, [*poses[0], 0.0, 0.5])[-1].touched == ''
-        go(at, [*poses[0], 0.02, 0.5], 0.2)
+        assert reach(at, [*poses[0], 0.0, 0.5]).touched == ''
+        reach(at, [*poses[0], 0.02, 0.5], 0.2)
 
 
 def test_on_the_way_the_force_is_that_of_the_model_at_the_motor_angles() -> None:
@@ -107,8 +113,9 @@ def test_the_error_of_a_touch_stays_and_the_next_has_another() -> None:
     at = plant(sensors=SensorModel(bias=(0.0, 0.0), force_noise=0.0, resolution=0.0))
     errors = []
     for _ in range(10):
-        go(at, beside(CELL.discs[1], -0.003), 0.3)
-        held = go(at, beside(CELL.discs[1], 1e-3), 0.3)[-10:]
+        reach(at, beside(CELL.discs[1], -0.003), 0.3)
+        reach(at, beside(CELL.discs[1], 1e-3), 0.3)
+        held = [at.step(at.time + STEP) for _ in range(4)]
         found = [(np.subtract(one.joints, at.body.joints), np.subtract(one.force, one.true_force)) for one in held]
         assert np.ptp([force for _, force in found], axis=0) == pytest.approx(0.0, abs=1e-6)
         errors.append(np.concatenate(found[-1]))

@@ -127,13 +127,6 @@ def test_joints_at_rest_repeat_to_the_last_bit():
     assert np.all(held == held[0])
 
 
-def test_seed_decides():
-    one, same, other = (simulate_streams(CELL, PAPER_ACTUAL, SMALL, seed=seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.wrench.force, same.wrench.force)
-    np.testing.assert_array_equal(one.joints.stamp, same.joints.stamp)
-    assert not np.array_equal(one.wrench.force[:100], other.wrench.force[:100])
-
-
 def test_repeatability_is_the_noise_of_the_touches():
     errors = []
     exact = simulate_touches(CELL, PAPER_ACTUAL, PLAN, Noise(0.0, 0.0))
@@ -142,13 +135,3 @@ def test_repeatability_is_the_noise_of_the_touches():
         errors.append(np.hstack([noisy.joints - exact.joints, noisy.force - exact.force]))
     scatter = np.concatenate(errors).std(axis=0)
     np.testing.assert_allclose(scatter, [1e-5, 1e-5, 0.3, 0.3], rtol=0.06)
-
-
-def test_touches_agree_with_the_streams_they_stand_for():
-    touches = simulate_touches(CELL, PAPER_MEASURED, SMALL, seed=3)
-    streams = simulate_streams(CELL, PAPER_MEASURED, SMALL, sensors=SensorModel(bias=(0, 0), force_noise=0), seed=3)
-    for joints, force, time in zip(touches.joints, touches.force, touches.time, strict=True):
-        at_joint = np.argmin(np.abs(streams.joints.stamp - START - 1e9 * time))
-        at_force = np.argmin(np.abs(streams.wrench.stamp - START - 1e9 * time))
-        np.testing.assert_allclose(streams.joints.position[at_joint], joints, atol=1e-6)
-        np.testing.assert_allclose(streams.wrench.force[at_force], force, atol=1e-9)
