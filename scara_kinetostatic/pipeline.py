@@ -31,8 +31,6 @@ from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_
 
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
-_TOUCH_IN_STEPS = 20.0
-"""A force that is not so many times the median step between samples is noise in any unit: that of white noise is 7."""
 
 
 def _unreported(step: str, part: float) -> None:
@@ -315,9 +313,14 @@ def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
     for path in recordings:
         streams = read_streams(path, cell)
         force = np.linalg.norm(streams.wrench.force - np.median(streams.wrench.force, axis=0), axis=1)
-        largest, steps = float(force.max(initial=0.0)), np.abs(np.diff(force))
-        is_noise = len(steps) > 0 and largest < _TOUCH_IN_STEPS * np.median(steps)
-        mistake = None if is_noise else wrong_unit(streams.joints.position, largest)
+        largest = float(force.max(initial=0.0))
+        mistake = wrong_unit(streams.joints.position, largest)
+        if mistake is not None and mistake.where == 'force' and largest < 1.0:
+            statement, action = (
+                f'{mistake.statement}, or nothing was touched',
+                f'{mistake.action}, or touch the objects',
+            )
+            mistake = replace(mistake, statement=statement, action=action)
         if mistake is not None:
             raise mistake.error(str(path))
 

@@ -213,8 +213,8 @@ def _with_extended_model(
     fit = _with_moments(found.fit, [item for item in when if item.effect.label in found.in_every_model])
     after = adequacy(fit)
     every = [_with_moments(one.fit, moments(one.fit)) for one in (*likely.models, *likely.more_general)]
-    fit = with_large_effects(averaged(fit, every, likely.weights), found.model)
-    rivals = every[: len(likely.models)]
+    rivals, general = every[: len(likely.models)], every[len(likely.models) :]
+    fit = with_large_effects(averaged(fit, rivals, general, likely.weights), found.model)
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':

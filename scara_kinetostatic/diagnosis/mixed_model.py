@@ -517,33 +517,62 @@ def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
     return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
-def averaged(c: Calibration, rivals: Sequence[Calibration], weights: Sequence[float]) -> Calibration:
+def averaged(
+    c: Calibration, rivals: Sequence[Calibration], general: Sequence[Calibration] = (), weights: Sequence[float] = ()
+) -> Calibration:
     """A fit at the mean L̄ of its rivals, with their scatter in its covariance, and what they are less certain of than
     it is: the likelihood of the sizes then has several maxima, one for each. All else follows L̄ as the touches have it.
 
     Args:
         c: the fit.
         rivals: with it, or with their union that it is.
-        weights: of each, (m,).
+        general: more general models, which count in the scatter alone.
+        weights: of these, in that of a rival.
     """
-    if len(rivals) < 2:
+    every = [*rivals, *general]
+    if len(every) < 2:
         return c
-    values, part = [rival.parameters.as_array() for rival in rivals], np.array(weights) / np.sum(weights)
-    count, everything = c.model.base_count, c.covariance_with_errors
+    (kept, sizes), count, everything = of_full_model(c), c.model.base_count, c.covariance_with_errors
     std = np.sqrt(np.diag(everything)[:count])
-    unit = np.where(std > 0, std, 1.0)
-    inverse = np.linalg.pinv(everything[:count, :count] / np.outer(unit, unit), rcond=1e-9, hermitian=True)
-    change = everything[:, :count] / unit @ inverse @ ((part @ values - c.parameters.as_array()) / unit)
-    of_model, errors, random = np.split(change, np.cumsum([len(c.model.names), len(c.errors)]))
+    unit = np.outer(*2 * (np.where(std > 0, std, 1.0),))
+    precision = np.linalg.pinv(everything[:count, :count] / unit, rcond=1e-9, hermitian=True) / unit
+    follows = everything[:, :count] @ precision
+    acts = [effect.amplitudes(np.ones(len(values))) != 0 for effect, values in c.model.pairs]
+    follows[count : len(c.model.names)] *= np.concatenate([np.zeros(0), *acts])[:, None]  # no phase or frequency
+    if len(rivals) > 1:
+        mean = np.mean([rival.parameters.as_array() for rival in rivals], axis=0)
+        c = _moved_to(mean, c, follows, precision)
+    part, theirs = np.array([*np.ones(len(rivals)), *weights]), c.covariance.copy()
+    part /= part.sum()
+    theirs[:count, :count] = np.tensordot(part, [rival.covariance[:count, :count] for rival in every], 1)
+    off = np.array([rival.parameters.as_array() for rival in every]) - c.parameters.as_array()
+    return _with_scatter(c, RIVALS, off @ (sizes[:, None] * follows[kept]).T, part, theirs)
+
+
+def _moved_to(base: Floats, c: Calibration, follows: Floats, precision: Floats) -> Calibration:
+    """A calibration at another L̄, (12,); as it is where the model is not defined there.
+
+    Args:
+        base: L̄.
+        c: the calibration.
+        follows: change of all values, errors and random effects by that of L̄, (12 + k + m + r, 12).
+        precision: inverse of the covariance of L̄, (12, 12).
+    """
+    change = base - c.parameters.as_array()
+    of_model, errors, random = np.split(follows @ change, np.cumsum([len(c.model.names), len(c.errors)]))
     moved = replace(
         c,
         model=c.model.with_array(c.model.as_array() + of_model),
         errors=c.errors + errors,
         random_values=c.random_values + random,
+        chi_square=c.chi_square + c.enlargement * float(change @ precision @ change),
     )
-    c, theirs = _closer(c, moved)[0], c.covariance.copy()
-    theirs[:count, :count] = np.tensordot(part, [rival.covariance[:count, :count] for rival in rivals], 1)
-    return _with_scatter(c, RIVALS, values - c.parameters.as_array(), part, theirs)
+    point = moved.projection
+    if not np.isfinite(point.distance[c.used]).all():
+        return c
+    distance = studentised(point.whitened, c.covariance_with_errors / c.enlargement, c.used)
+    force = base_force(moved.observe(), moved.model)
+    return with_projection(replace(moved, force=force, standardized=np.sqrt(distance)), point)
 
 
 def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:

@@ -225,13 +225,13 @@ class Rivals(NamedTuple):
 
     Attributes:
         models: of the sets that replace each other.
-        weights: of these, and of more general models behind them that are less likely, (m,).
-        more_general: these.
+        more_general: models that are, and less likely.
+        weights: of these, in that of a rival.
     """
 
     models: tuple[MixedModel, ...] = ()
-    weights: tuple[float, ...] = ()
     more_general: tuple[MixedModel, ...] = ()
+    weights: tuple[float, ...] = ()
 
 
 def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
@@ -251,7 +251,8 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
         begun = len(tried)
         for one in some[: 4 * _MOST_RIVALS]:
             if len(_likely(tried[begun:])) < _MOST_RIVALS:
-                tried.append((one, _fit_named(base, known, found.problem, one.members, most=3)))
+                fits = (_fit_named(base, known, found.problem, one.members, most=most) for most in (3, 8))
+                tried.append((one, next(filter(None, fits), None)))
     kept = _likely(tried)
     deviance = {frozenset(one.labels): fit.deviance for one, fit in kept}
     rivals, general, weights = list[MixedModel](), list[MixedModel](), list[float]()
@@ -269,9 +270,8 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
         labels, groups = _partition(sets)
         members, best = _union(sets), len(sets.credible[0].members)
         model = _fit_named(base, known, found.problem, members[:best], members[best:])
-        model = model or (found.model if groups else rivals[0])
-        found = found._replace(model=model, scored_subsets=sets, in_every_model=labels, rivals=groups)
-    return found, Rivals(tuple(rivals), (*[1.0] * len(rivals), *weights), tuple(general))
+        found = found._replace(model=model or rivals[0], scored_subsets=sets, in_every_model=labels, rivals=groups)
+    return found, Rivals(tuple(rivals), tuple(general), tuple(weights))
 
 
 def _likely(tried: Sequence[tuple[Subset, MixedModel | None]]) -> list[tuple[Subset, MixedModel]]:

@@ -40,11 +40,11 @@ def test_streams_of_other_units_are_named(tmp_path, force, angle, message):
         calibrate_recordings([tmp_path / 'one'], CELL)
 
 
-def test_noise_without_a_touch_is_not_taken_for_another_unit(tmp_path):
+def test_noise_without_a_touch_may_be_that(tmp_path):
     streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL).select(np.arange(4)), seed=3)
     noise = np.random.default_rng(0).normal(0.0, 0.05, streams.wrench.force.shape)
     write_streams(tmp_path / 'one', replace(streams, wrench=replace(streams.wrench, force=noise)), CELL)
-    with pytest.raises(UnsupportedDataError, match='no contact found'):
+    with pytest.raises(InputError, match=r'0\.2 N, or nothing was touched; give them .*, or touch the objects$'):
         calibrate_recordings([tmp_path / 'one'], CELL)
 
 
