@@ -381,7 +381,7 @@ class Moment(NamedTuple):
         text: between which touches a moment is, with a probability of 95 %; empty for others.
         std: its standard deviation.
         change: of L̄, and of the amplitudes of the effect, from the place of the fit to each of some places,
-            (t, 12 + k); other effects are as fitted. None where the model is smooth there.
+            (t, 12 + k); other effects are as fitted. Empty where the law is smooth in it.
         weight: of these places, (t,).
     """
 
