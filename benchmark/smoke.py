@@ -64,6 +64,7 @@ SHARED = {
     'common',
     'engine_slides',
     'engine_touches',
+    'figures',
     'marker_picture',
     'rehearsal',
     'smoke',

@@ -18,6 +18,7 @@ import pytest
 from docs.examples import DOCS, ROOT, pages
 
 import scara_kinetostatic as sk
+from benchmark.figures import FIGURES, with_figures
 from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.results.parameter_file import FACTS
@@ -102,9 +103,16 @@ def test_every_page_is_in_a_table_of_contents() -> None:
 
 
 def test_figures_are_stated_to_be_of_the_version_at_hand() -> None:
-    """A page that states with which version it was measured states this one, and none names a commit."""
+    """A page that states with which version it was measured states this one."""
     texts = [path.read_text(encoding='utf-8') for path in (ROOT / 'README.md', *sorted(DOCS.rglob('*.md')))]
     stated = [version for text in texts for version in re.findall(r'\bwith version (\d[\w.]*\d)', text)]
     assert stated and set(stated) == {sk.__version__}
     assert re.search(rf'measured with version {re.escape(sk.__version__)}\b', (DOCS / 'figures.md').read_text('utf-8'))
-    assert not any(re.search(r'\bcommit\b', text) for text in texts)
+
+
+def test_every_figure_that_is_measured_by_the_command_has_its_row() -> None:
+    """The page has a row for each figure of `benchmark.figures`, which writes there."""
+    page = (DOCS / 'figures.md').read_text('utf-8')
+    for command, figures in FIGURES.items():
+        written = with_figures(page, command, [f'figure {k}' for k in range(len(figures))], 'abc')
+        assert re.findall(r'\| figure (\d) \|[^|]+\| abc \|', written) == [str(k) for k in range(len(figures))]
