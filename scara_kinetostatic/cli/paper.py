@@ -2,9 +2,8 @@
 
 Reproduces the studies of the paper: its algorithm on the cell of figure 3, table
 2 without and with noise, the noise of its third column, the scatter of both
-estimators over many data sets, identifiability with one force level, the
-general gripper of (7), and the dial gauge experiments of section 5.2. Writes
-into DIR
+estimators over many data sets, identifiability with one force level, and the
+dial gauge experiments of section 5.2. Writes into DIR
 
   paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers

@@ -5,12 +5,6 @@ Monte Carlo study of both estimators. The settings are the paper's: three discs,
 elbow posture, `gripper_sign: paper` (table 2 was computed with the sign as printed: 40 p_ee - g_ee is equal in its
 first two columns, 40 p_ee + g_ee is not).
 
-General gripper beside the base model: P = p_ee I + E in the frame of link 2. E has three parts besides the
-isotropic one: a larger compliance across link 2 than along it (p22 - p11), principal axes that are rotated (p12 + p21),
-and a part that does not conserve energy (p12 - p21). A displacement across link 2 proportional to the force across it
-is also caused by a compliance of joint 2: p22 - p11 is an exact alias of l2² p2 (and half of it of p_ee). The other
-parts have no alias.
-
 **Algorithm of section 4.3.** Pseudo-inverse steps on A(Q, L̄), unweighted (12)–(14).
 
     L̄_k = L̄_{k-1} + J_L̄⁺ ΔF,   ΔF = F - A(Q, L̄_{k-1}),   J_L̄ = ∂A/∂L̄
@@ -56,19 +50,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.fit_point import base_force, force_error, force_residual, project
-from scara_kinetostatic.calibration.gauss_helmert import place_force, whiten_by
+from scara_kinetostatic.calibration.fit_point import base_force, force_error, force_residual
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
@@ -427,58 +419,6 @@ def _scatter(rows: Floats, covariance: Floats) -> Scatter:
     return Scatter(len(rows), predicted, found, error.mean(axis=0), force_error, (low, high))
 
 
-class GripperPart(NamedTuple):
-    """Identifiability of one part of the general gripper by a set of touches.
-
-    Attributes:
-        part: such as ``p22 - p11``.
-        explained_by_base_model: share of its effect on the touches that the base model reproduces, 0 to 1.
-        std: standard deviation with which the touches determine it beside the base model, m/N; infinite
-            for an exact alias.
-        biases: bias of each parameter if the part is not modelled, per m/N of it.
-    """
-
-    part: str
-    explained_by_base_model: float
-    std: float
-    biases: dict[str, float]
-
-
-def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Noise) -> tuple[GripperPart, ...]:
-    """Identifiability of each part of E.
-
-    Args:
-        touches: exact or measured; only their places count.
-        cell: the cell.
-        parameters: L̄ at which the equations are linearised.
-        noise: of one touch.
-    """
-    observations = observe(touches, cell)
-    point = project(observations, ExtendedModel(parameters), noise)
-    a = point.adjusted
-    state = place_force(observations, point.model, a.joints, a.force, a.state)
-    o = observations
-    equations = touch_equations(parameters, o.contact_problem(a.joints), state)
-    entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
-    base = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
-    parts = {  # of E, by name: contribution of one unit to the entries 11, 12, 21, 22
-        'p22 - p11': (-0.5, 0.0, 0.0, 0.5),
-        'p12 + p21': (0.0, 0.5, 0.5, 0.0),
-        'p12 - p21': (0.0, 0.5, -0.5, 0.0),
-    }
-    found = []
-    for name, weights in parts.items():
-        trace = (entries @ np.array(weights)).ravel()
-        biases = np.linalg.lstsq(base, trace, rcond=1e-10)[0]
-        independent = float(np.linalg.norm(trace - base @ biases))
-        share = 1 - (independent / float(np.linalg.norm(trace))) ** 2
-        std = 1 / independent if share < 1 - 1e-12 else np.inf  # an exact alias, but for rounding
-        noticeable = np.abs(biases) * 1e-5 > 0.01  # by a part of 1e-5 m/N, as a share of the plausible range
-        named = {parameter: float(biases[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]}
-        found.append(GripperPart(name, share, std, named))
-    return tuple(found)
-
-
 class Reproduction(NamedTuple):
     """Results of the reproduction.
 
@@ -490,7 +430,6 @@ class Reproduction(NamedTuple):
         noises: the noise of the third column of table 2, for some ratios of σ_q to σ_f.
         noise: that of `noisy` and `monte_carlo`.
         monte_carlo: the estimators `paper` and `weighted` over many data sets, three force levels.
-        gripper: identifiability of the general gripper.
         dial_gauge: the experiments of section 5.2.
     """
 
@@ -501,7 +440,6 @@ class Reproduction(NamedTuple):
     noises: tuple[NoiseStudy, ...]
     noise: Noise
     monte_carlo: dict[str, Scatter]
-    gripper: tuple[GripperPart, ...]
     dial_gauge: DialGaugeAnalysis
 
 
@@ -516,7 +454,6 @@ def reproduce(runs: int = 1000, progress: Callable[[str, float], None] = lambda 
     one_level = linearise_at_truth(ONE_LEVEL)
     noise_ratio, force_error = 1e-4, 1.3  # σ_q/σ_f, rad/N; the middle of the paper's range of e_f, N
     noise = noise_for_force_error(linearise_at_truth(THREE_LEVELS), noise_ratio, force_error)
-    touches = simulate_touches(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), Noise(0.0, 0.0))
     return Reproduction(
         exact=run(ONE_LEVEL),
         exact_levels=run(THREE_LEVELS),
@@ -527,6 +464,5 @@ def reproduce(runs: int = 1000, progress: Callable[[str, float], None] = lambda 
         monte_carlo=compare(
             THREE_LEVELS, noise, runs, lambda done: progress(f'data set {done} of {runs}', 0.05 + 0.9 * done / runs)
         ),
-        gripper=observable_parts(touches, PAPER_CELL, PAPER_ACTUAL, PAPER_CELL.noise or noise),
         dial_gauge=analyse_tables([GaugeTable(simulate_experiments())]),
     )
