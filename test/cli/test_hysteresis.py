@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from cli.command import refused
-from cli.test_dial_gauge import ONE as GRIPPER
 from studies.gauge_table import loops
 from studies.load_records import COMPLIANCE, table, torque
 
@@ -36,43 +35,39 @@ def result_of(folder: Path) -> tuple[dict, str]:  # type: ignore[type-arg]
     return json.loads((folder / 'hysteresis.json').read_text(encoding='utf-8')), page
 
 
-def test_loops_and_the_same_by_dial_gauge(run, tmp_path):
+def test_loops(run, tmp_path):
     name = '<b>&$\\frac$.csv'
     (tmp_path / name).write_text(loops())
     (tmp_path / 'stuck.csv').write_text(loops(slip=1e9))
-    result = run('hysteresis', name, 'stuck.csv', '--out', 'result')
+    (tmp_path / 'stiffer.csv').write_text(loops(stiffer=2.0))
+    result = run('hysteresis', name, 'stuck.csv', 'stiffer.csv', '--out', 'result')
     assert (result.status, result.err) == (0, '')
     for words in (
-        'Law (6) is sufficient for 1 of 2 records',
+        'Law (6) is sufficient for 1 of 3 records',
         'Driven by their motion: the force is predicted from the displacement.',
         'Law (6) is not sufficient: Coulomb friction in series: the joint slips at a limit of the force',
         'Law (6), slope and gap, is sufficient',
         'selected',
         'µm/N',
+        'after: fit only',
+        'No law is complete: this is no compliance and no gap of the joint',
     ):
         assert words in ' '.join(result.out.split()), words
     document, page = result_of(tmp_path / 'result')
     assert document['schema'] == 'scara_kinetostatic/hysteresis/1'
     assert (document['driven'], document['units']) == ('motion', {'load': 'N', 'response': 'm'})
-    slips, stuck = document['records']
+    slips, stuck, stiffer = document['records']
     assert (slips['verdict'], slips['effects']) == ('explained', ['slip'])
     assert (stuck['verdict'], stuck['effects'], stuck['force_error']['after']) == ('none', [], None)
     assert slips['force_error']['after']['held_out'] < 0.1 * slips['force_error']['before']['held_out']
     for parameter, truth in (('slip_positive', 6e3), ('compliance', 1e-6)):
         assert slips['parameters']['slip'][parameter]['value'] == pytest.approx(truth, rel=0.01)
     assert slips['parameters']['slip']['compliance']['unit'] == 'm/N'
-    assert page.count('<svg') == 2 * 2
+    assert stiffer['p_value_after'] < 0.005  # half as stiff in one sense as in the other: a compliance of neither
+    assert {each['std'] for law in stiffer['parameters'].values() for each in law.values()} == {None}
+    assert page.count('<svg') == 3 * 2
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page
-    (tmp_path / 'gripper.csv').write_text(GRIPPER)
-    result = run('dial-gauge', 'gripper.csv', name, '--out', 'gauge')
-    assert (result.status, result.err) == (0, '')
-    for words in ('Compliance and backlash: Gripper, ', 'Law (6) is not sufficient: Coulomb friction in series'):
-        assert words in ' '.join(result.out.split()), words
-    gauge = json.loads((tmp_path / 'gauge' / 'dial_gauge.json').read_text(encoding='utf-8'))
-    assert list(gauge['parts']) == ['gripper']
-    assert gauge['hysteresis']['records'] == [slips]
-    assert (tmp_path / 'gauge' / 'dial_gauge.html').read_text(encoding='utf-8').count('<svg') == 1 + 2
 
 
 def test_a_torque_over_an_angle_is_said_in_their_units(run, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from studies.gauge_table import dump_readings
 
-from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
+from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
 from scara_kinetostatic.studies.loops.record import GaugeTable, Readings, table_readings
 from scara_kinetostatic.studies.paper.study import simulate_experiments
@@ -34,7 +34,7 @@ def test_what_is_written_is_read_back():
         assert (found.part, found.gauge_at, found.source) == (run.part, run.gauge_at, 'table.csv')
         assert found.line.tolist() == list(range(first, first + len(run)))
         first += len(run)
-    assert (back.record, back.notes) == (None, ())
+    assert not back.notes
     with pytest.raises(ValueError, match='read-only'):
         back.runs[0].force[0] = 1.0
 
@@ -101,9 +101,6 @@ def test_tables_are_told_apart_by_their_columns():
     rows = [(k, force, 10 * force + (10 if force > 0 else -10)) for k, force in enumerate([1, 2, 3, 2, 1, -1, -2, -3])]
     points = 'time_s,cycle,force_N,displacement_um\n' + ''.join(f'{k},1,{f},{moved}\n' for k, f, moved in rows)
     loops = 'time_s,force_N,displacement_um\n' + ''.join(f'{k},{f},{moved}\n' for k, f, moved in rows)
-    one, other = parse(points), parse(loops)
-    assert (len(one.runs), one.record) == (1, None)
-    assert (other.runs, other.record.load.tolist()) == ((), [f for _, f, _ in rows])
-    assert parse(loops, direction=0.0).record is None
-    with pytest.raises(UnsupportedDataError, match=r'table\.csv: the time does not rise'):
-        parse(loops + '3,1,1\n')
+    assert len(parse(points).runs) == len(parse(loops, direction=0.0).runs) == 1
+    with pytest.raises(RecordingError, match=r'table\.csv: a continuous record: .*; give it to the verb hysteresis'):
+        parse(loops)

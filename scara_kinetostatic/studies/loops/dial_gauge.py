@@ -1,4 +1,4 @@
-"""Compliance and backlash from tables of gauge readings, loads point by point; continuous loops go to `selection`.
+"""Compliance and backlash from tables of gauge readings, loads point by point; continuous loops are for `hysteresis`.
 
 **Fit of a run.** A pass is one sense of load in one cycle: loads applied, then removed. The model of a run is
 
@@ -37,14 +37,8 @@ along the same direction in the same experiment, its displacement is subtracted,
 rad for g1 and g2, near the gaps 2.64e-4 and 2.68e-4; the paper calls its values "reasonable but arbitrary".) Both are
 reported.
 
-**Over the direction.** The compliance along u of the general gripper (7) is uᵀPu; the gap of an elliptical dead zone is
-√(uᵀWu). Both are even functions of the direction with two orthogonal principal axes,
-
-    q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the square of the gap.
-
-A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
-
-**Loops** are examined as by `hysteresis`: see `selection`.
+**Over the direction.** Compliance and gap of a gripper along several directions are tested for isotropy. A gauge along
+u measures uᵀPu alone, of the general gripper (7).
 """
 
 from __future__ import annotations
@@ -57,8 +51,8 @@ from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, GaugeTable, Readings, what_drives
-from scara_kinetostatic.studies.loops.selection import Estimate, Selection, analyse
+from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, Readings
+from scara_kinetostatic.studies.loops.selection import Estimate
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
@@ -225,19 +219,18 @@ class RunFit(NamedTuple):
     row_p: Floats
 
 
-def find_passes(readings: Readings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
+def find_passes(readings: Readings) -> tuple[Indices, Floats, Floats]:
     """The pass to which each row belongs.
 
     Args:
         readings: one run, in order.
-        zero_band: share of the largest load up to which a load counts as none.
 
     Returns:
         Pass of each row, (n,), -1 where there is no load; cycle (k,) and sense (k,) of each pass. Without
         a column of cycles a pass ends where the sense changes, and two passes make a cycle.
     """
     force = readings.force
-    loaded = np.flatnonzero(np.abs(force) > zero_band * np.abs(force).max(initial=0.0))
+    loaded = np.flatnonzero(np.abs(force) > ZERO_BAND * np.abs(force).max(initial=0.0))
     sense, cycle = np.sign(force[loaded]), readings.cycle[loaded]
     if np.any(np.isnan(cycle)):
         cycle = np.cumsum(np.diff(sense, prepend=sense[:1]) != 0) // 2
@@ -247,17 +240,16 @@ def find_passes(readings: Readings, zero_band: float = ZERO_BAND) -> tuple[Indic
     return passes, keys[:, 0], -keys[:, 1]
 
 
-def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
+def fit_run(readings: Readings) -> RunFit:
     """Slopes and gap of one run.
 
     Args:
         readings: rows of one run, in order.
-        zero_band: share of the largest load up to which a load counts as none.
 
     Raises:
         UnsupportedDataError: loads in one sense only, too few rows, or one load only; the run is named.
     """
-    passes, cycle, sense = find_passes(readings, zero_band)
+    passes, cycle, sense = find_passes(readings)
     used, count = passes >= 0, len(sense)
     complete = [number for number in np.unique(cycle) if np.count_nonzero(cycle == number) == 2]
     where = f'{readings.source}: {readings.name}'
@@ -399,26 +391,6 @@ class Run(NamedTuple):
     note: str
 
 
-class Ellipse(NamedTuple):
-    """Principal values over the direction.
-
-    Attributes:
-        major: the largest.
-        minor: the smallest.
-        axis: direction of the largest, rad, in [0, π); its std is infinite where both are equal.
-        chi_square: of the values about the ellipse.
-        degrees_of_freedom: number of values less three.
-        p_value: of the ellipse as a sufficient description; NaN without degrees of freedom.
-    """
-
-    major: Estimate
-    minor: Estimate
-    axis: Estimate
-    chi_square: float
-    degrees_of_freedom: int
-    p_value: float
-
-
 class Part(NamedTuple):
     """Result of one part, from all its runs.
 
@@ -428,7 +400,7 @@ class Part(NamedTuple):
         compliance: m/N or rad/Nm; mean over the directions as in the paper, else weighted.
         gap: m or rad; likewise.
         combined: compliance and gap of two runs or more, by name; over the directions its test is that of isotropy.
-        ellipses: of a gripper with two directions or more, by name; None where there is none. Of other parts empty.
+        over_direction: whether it is a gripper along two directions or more.
     """
 
     name: str
@@ -436,48 +408,23 @@ class Part(NamedTuple):
     compliance: Estimate
     gap: Estimate
     combined: dict[str, CombinedEstimate]
-    ellipses: dict[str, Ellipse | None]
+    over_direction: bool = False
 
 
 class DialGaugeAnalysis(NamedTuple):
-    """Result of all tables.
-
-    Attributes:
-        parts: with loads point by point, by name, in the order of `PARTS`.
-        loops: selections of the continuous records; see `selection.analyse`.
-        warnings: one sentence each.
-        sources: names of the files, those of `parts` first.
-    """
+    """Every part in the runs, by name, in the order of `PARTS`; warnings, one sentence each."""
 
     parts: dict[str, Part]
-    loops: tuple[Selection, ...]
     warnings: tuple[str, ...]
-    sources: tuple[str, ...]
 
 
-def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
-    """Compliance and backlash from tables, loads point by point or loops.
-
-    Args:
-        tables: each from one file.
-        zero_band: share of the largest load of a run up to which a load counts as none.
+def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
+    """Compliance and backlash from runs.
 
     Raises:
-        RecordingError: see `selection.analyse`.
-        UnsupportedDataError: a run has no reversal, too few rows, or a record no loops; it is named.
+        UnsupportedDataError: a run has no reversal, or too few rows; it is named.
     """
-    readings = [run for table in tables for run in table.runs]
-    parts, of_runs = analyse_runs(readings, zero_band) if readings else ({}, [])
-    records = [table.record for table in tables if table.record]
-    loops = analyse(records, what_drives(records)) if records else ()
-    warnings = [note for table in tables for note in table.notes] + of_runs
-    sources = [run.source for run in readings] + [record.source for record in records]
-    return DialGaugeAnalysis(parts, loops, tuple(warnings), tuple(dict.fromkeys(sources)))
-
-
-def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
-    """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
-    fits = [(each, fit_run(each, zero_band)) for each in readings]
+    fits = [(each, fit_run(each)) for each in readings]
     level = LEVEL / sum(len(fit.checks) + 2 for _, fit in fits)
     grippers = [(each, fit) for each, fit in fits if each.part == GRIPPER]
     runs = [_run(each, fit, grippers, level) for each, fit in fits]
@@ -485,13 +432,10 @@ def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> 
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
     for part in parts.values():
-        inconsistent = {} if part.ellipses else {k: each.p_value for k, each in part.combined.items()}
-        warnings += [
-            f'{part.name}: the runs are inconsistent in {what} (p = {p_value:.2g})'
-            for what, p_value in inconsistent.items()
-            if p_value < level
-        ]
-    return parts, warnings
+        for what, each in part.combined.items():
+            if each.p_value < level and not part.over_direction:
+                warnings.append(f'{part.name}: the runs are inconsistent in {what} (p = {each.p_value:.2g})')
+    return DialGaugeAnalysis(parts, tuple(warnings))
 
 
 def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
@@ -519,55 +463,14 @@ def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, Run
 def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     """A part from its runs: over the directions the mean, otherwise the weighted mean."""
     if len(runs) == 1:
-        return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
+        return Part(name, runs, runs[0].compliance, runs[0].gap, {})
     several = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
     dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
     combined = {what: combine_estimates(each, dof) for what, each in several.items()}
     direction = np.array([run.readings.direction for run in runs])
     if name != GRIPPER or np.any(np.isnan(direction)) or len(np.unique(direction)) < 2:
-        return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, combined, {})
-    ellipses = {what: fit_ellipse(direction, each, dof, POWERS[what]) for what, each in several.items()}
-    return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, ellipses)
-
-
-POWERS = {'compliance': 1, 'gap': 2}
-"""Of the quantity that has an ellipse over the direction."""
-
-
-def fit_ellipse(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> Ellipse | None:
-    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ.
-
-    Args:
-        direction: φ, rad, (n,), n of 2 or more.
-        estimates: n.
-        dof: degrees of freedom of each std, (n,).
-        power: that of an estimate which is q, 1 or 2.
-
-    Returns:
-        None for fewer than three axes, or where a gap or its smallest principal value is not significantly above 0.
-    """
-    value, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
-    axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
-    if axes < 3 or (power == 2 and np.any(value <= 4 * std)):
-        return None
-    q, weight = value**power, 1 / (power * value ** (power - 1) * std)
-    design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
-    fit = least_squares(design * weight[:, None], q * weight)._replace(sigma=1.0)  # the std are known
-    chi_square, left = float(fit.residual @ fit.residual), fit.dof
-    p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
-    centre, a, b = fit.beta.tolist()
-    radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))
-    if power == 2 and centre <= radius:
-        return None
-    cosine, sine = np.cos(turned), np.sin(turned)
-    ends, unit = [], estimates[0].unit
-    for sign in (1.0, -1.0):
-        square = fit.of(np.array([1.0, sign * cosine, sign * sine]), unit)
-        end = square.value ** (1 / power)
-        ends.append(Estimate(end, square.std / (power * end ** (power - 1)), unit))
-    across = fit.of(np.array([0.0, -sine, cosine]), 'rad').std
-    axis = Estimate(float(np.mod(turned / 2, np.pi)), across / (2 * radius) if radius > 0 else np.inf, 'rad')
-    return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
+        return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, combined)
+    return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, over_direction=True)
 
 
 _MEANING = {

@@ -19,8 +19,8 @@ before and after it is left out, where errors would be small without meaning. Lo
 reversal of what drives to the next. The first sweep, up to the first reversal, gives a law with memory its initial
 state: of a motion it is in every fit, and it never counts for an error.
 
-**Tables** of loads and displacements are those of a dial gauge and a force gauge, section 5.2, and continuous records.
-A table of a dial gauge holds loads point by point, run by run, or a record of loops.
+**Tables** of loads and displacements are those of a dial gauge and a force gauge, section 5.2, loads point by point,
+run by run, and continuous records.
 
 The columns of a record are the response, the load and the time among any others, chosen by name or by their units
 (`files.columns`). A displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm`
@@ -501,10 +501,9 @@ class Readings:
 
 
 class GaugeTable(NamedTuple):
-    """What a table holds: its runs in the order in which they begin, or its record of loops; remarks."""
+    """What a table holds: its runs in the order in which they begin; remarks."""
 
     runs: tuple[Readings, ...]
-    record: Record | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -535,8 +534,7 @@ def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
 
     Raises:
         ParameterError: the rows of a joint have no lever.
-        RecordingError: the file cannot be read, or a column or a row of it is wrong.
-        UnsupportedDataError: the time of a record of loops does not rise, or its load never changes.
+        RecordingError: the file cannot be read, a column or a row of it is wrong, or it is a continuous record.
     """
     return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
 
@@ -552,7 +550,8 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
         cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
     notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
     if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
-        return GaugeTable((), table_record(table), notes)
+        problem = 'a continuous record: it has a time and neither cycle nor direction'
+        raise RecordingError(table.source, problem, 'give it to the verb hysteresis, or leave the time out')
     cells['line'] = [line for line, _ in table.rows]
     runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for values_of_row in zip(*cells.values(), strict=True):
@@ -564,7 +563,7 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
             raise ParameterError(where, 'a joint needs its lever', remedy)
         own = row['part'], row['gauge_at'], str(round(row['direction'], 6)), str(round(row['lever'], 9))
         runs.setdefault(own, []).append(row)
-    return GaugeTable(tuple(_run(table.source, rows) for rows in runs.values()), None, notes)
+    return GaugeTable(tuple(_run(table.source, rows) for rows in runs.values()), notes)
 
 
 def _run(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:

@@ -419,17 +419,16 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
         'schema': 'scara_kinetostatic/dial_gauge/1',
         'version': __version__,
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
-        'hysteresis': hysteresis_document(analysis.loops) if analysis.loops else None,
         'warnings': analysis.warnings,
     }
 
 
 def _part(part: dial_gauge.Part) -> Document:
     maps = {}
-    for what, ellipse in part.ellipses.items():
+    for what, isotropy in part.combined.items() if part.over_direction else ():
         values = [getattr(run, what).value for run in part.runs]
-        maps[what] = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
-        maps[what] |= {'isotropy': part.combined[what], 'ellipse': ellipse}
+        extent = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
+        maps[what] = extent | {'isotropy': isotropy}
     runs = {'runs': [_run(run) for run in part.runs]}
     return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
 
@@ -464,22 +463,13 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
         for part in analysis.parts.values()
     ]
     note = 'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
-    if analysis.parts:
-        blocks.append(Section('Summary', (summary_table(analysis), note)))
-    if analysis.loops:
-        loops = hysteresis_report(analysis.loops)
-        blocks.append(Section(loops.title, (loops.answer, *loops.blocks)))
-    incomplete = [each.study.records[0].name for each in analysis.loops if not each.is_complete]
-    what = [TITLES[name] for name in analysis.parts] + ['loops'] * (len(analysis.loops) > len(incomplete))
-    answer = Verdict(f'Compliance and backlash: {", ".join(what) or "not determined"}')
-    if incomplete:
-        why = f'{", ".join(incomplete)}: no law is complete, so that compliance and gap are not determined.'
-        answer = answer._replace(level='bad', sentences=(why,))
+    blocks.append(Section('Summary', (summary_table(analysis), note)))
+    sources = dict.fromkeys(run.readings.source for part in analysis.parts.values() for run in part.runs)
     return Report(
         title='Compliance and backlash by dial gauge',
-        answer=answer,
+        answer=Verdict(f'Compliance and backlash: {", ".join(TITLES[name] for name in analysis.parts)}'),
         blocks=tuple(blocks),
-        source=', '.join(analysis.sources),
+        source=', '.join(sources),
         remarks=analysis.warnings,
         footer='all numbers in full in dial_gauge.json',
     )
@@ -510,46 +500,36 @@ def _run_table(part: dial_gauge.Part) -> Table:
 def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
-    for what, ellipse in part.ellipses.items():
-        isotropy, values = part.combined[what], [getattr(run, what).value for run in part.runs]
+    for what, isotropy in part.combined.items() if part.over_direction else ():
         test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
         test += f', {p_equals(isotropy.p_value)}'
         if isotropy.p_value >= LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
             continue
-        unit = f'µ{isotropy.unit}'
-        text = f'The {what} depends on the direction ({test}): {1e6 * min(values):.4g} … {1e6 * max(values):.4g} {unit}'
-        if ellipse is not None:
-            fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
-            limits = f'{shown(*ellipse.minor).text} to {shown(*ellipse.major).text}'
-            axis = shown(*ellipse.axis, {'rad': Scale('°', 180 / np.pi)}).text
-            text += f'; ellipse from {limits}, largest at {axis}{fits}'
-        found.append(f'{text}.')
+        values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.unit}'
+        found.append(f'The {what} depends on the direction ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
 
 
 def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     """Maps over the direction, and the runs with the largest and the smallest gap."""
-    maps = [Figure(partial(map_picture, part, what, f'{part.name}_{what}')) for what in part.ellipses]
-    dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
+    maps = [
+        Figure(partial(map_picture, part, what, f'{part.name}_{what}')) for what in part.combined if part.over_direction
+    ]
     gaps, forces = [run.gap.value for run in part.runs], []
     for k in dict.fromkeys((int(np.argmax(gaps)), int(np.argmin(gaps)))):
         run, name = part.runs[k], f'{part.name}_force{k}'
         forces.append(Figure(partial(force_picture, run, name), title=run.readings.name.capitalize()))
     found = Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')
-    return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
+    return (Figures(tuple(maps), 'With two standard deviations; dashed: mean.'), found) if maps else (found,)
 
 
 def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
-    """Compliance or gap over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
+    """Compliance or gap over the direction, with two standard deviations (figures 4(b) and 4(c))."""
     figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
-    middle, ellipse, power = getattr(part, what), part.ellipses[what], dial_gauge.POWERS[what]
-    if ellipse is not None:
-        turned = turn - ellipse.axis.value
-        q = ellipse.major.value**power * np.cos(turned) ** 2 + ellipse.minor.value**power * np.sin(turned) ** 2
-        axes.plot(turn, MICRO * q ** (1 / power), color=SERIES[0], lw=1.2)
+    middle = getattr(part, what)
     axes.plot(turn, np.full_like(turn, MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
     values, bars = (MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
     direction = [run.readings.direction for run in part.runs]

@@ -63,8 +63,8 @@ from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL,
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, PARTS, GaugeTable, Readings
+from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_runs
+from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, PARTS, Readings
 
 DIRECTIONS = tuple(np.radians(np.arange(0, 360, 30)).tolist())
 
@@ -464,5 +464,5 @@ def reproduce(runs: int = 1000, progress: Callable[[str, float], None] = lambda 
         monte_carlo=compare(
             THREE_LEVELS, noise, runs, lambda done: progress(f'data set {done} of {runs}', 0.05 + 0.9 * done / runs)
         ),
-        dial_gauge=analyse_tables([GaugeTable(simulate_experiments())]),
+        dial_gauge=analyse_runs(simulate_experiments()),
     )
