@@ -285,7 +285,7 @@ def false_alarms(count: int, form: str, seed: int) -> int:
         simulated = []
         for each in records:
             path = RecordPath(each)
-            sign = {'none': np.zeros_like(path.driver), 'sign': path.sign_as_given(), 'gap': path.last_sign(8.0, 0.0)}[
+            sign = {'none': np.zeros_like(path.driver), 'sign': path.sign(None), 'gap': path.last_sign(8.0, 0.0)}[
                 form
             ]
             exact = compliance * each.load + half_gap * sign

@@ -189,11 +189,3 @@ def test_a_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out() -> N
     assert path.distance[path.edges[1:-1]].max() < 1e-3
     with pytest.raises(UnsupportedDataError, match=r'a: 1 sweeps of 99 samples in all; 6 sweeps of 8 samples each'):
         RecordPath(Record('a', np.arange(99.0), np.arange(99.0), np.arange(99.0), 'N'), MOTION)
-
-
-def test_repeatability_is_the_scatter_where_the_motion_repeats() -> None:
-    assert records.repeatability(RecordPath(loops(0), MOTION)) == pytest.approx(20.0, rel=0.15)
-    time = np.linspace(0, 10, 500)
-    assert np.isnan(
-        records.repeatability(RecordPath(Record('a', time, time, time * np.sin(np.pi * time), 'N'), MOTION))
-    )

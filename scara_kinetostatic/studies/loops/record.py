@@ -432,24 +432,6 @@ def block_means(values: Floats, block: int) -> Floats:
     return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
 
 
-def repeatability(path: RecordPath) -> float:
-    """Repeatability of what is driven where the motion repeats: a lower limit for the error of any law, in its unit.
-
-    Standard deviation over the distance, from sweeps of one sense, one cycle apart, that begin and end at the same
-    places, but for 1 % of the travel. NaN if no motion repeats.
-    """
-    square, count = 0.0, 0
-    turns = np.append(path.driver[np.maximum(path.edges[:-1] - 1, 0)], path.driver[-1])
-    for k in range(path.sweeps - 2):
-        if np.abs(turns[k + 2 : k + 4] - turns[k : k + 2]).max() > 0.01 * path.size:
-            continue
-        one, other = (slice(path.edges[j], path.edges[j + 1]) for j in (k, k + 2))
-        there = np.maximum.accumulate(path.distance[other])
-        difference = np.interp(path.distance[one], there, path.driven[other]) - path.driven[one]
-        square, count = square + float(difference @ difference) / 2, count + len(difference)
-    return float(np.sqrt(square / count)) if count else float('nan')
-
-
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
 PARTS = (GRIPPER, JOINT1, JOINT2)
 """The loaded part: the gripper with both joints locked, or one joint with the other locked."""
@@ -682,11 +664,7 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
         RecordingError: the file cannot be read, columns do not go together, or a row is wrong.
         UnsupportedDataError: see `Record`.
     """
-    return table_record(load_table(Path(path), 'time_s,angle_rad,torque_Nm'), response, load)
-
-
-def table_record(table: Table, response: str | None = None, load: str | None = None) -> Record:
-    """The record in a table; see `load_record`."""
+    table = load_table(Path(path), 'time_s,angle_rad,torque_Nm')
     chosen = choose_columns(table.heading, table.source, response, load)
     places = {
         kind: Place(Column(kind, (), largest=_QUANTITIES[column.unit][1]), column.number, column.factor)

@@ -12,18 +12,14 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
-from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
+from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, block_means
 from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
-
-Curve = tuple[Floats, str, str]
-"""Values in the unit that is shown, colour, label."""
 
 
 def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
@@ -39,14 +35,13 @@ def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Jud
         'units': {'load': record.load_unit, 'response': record.unit('m')},
     }
     if study.driven_by == MOTION:
-        return {**head, 'records': [_motion_facts(each.study.paths[0]) | _content(each) for each in selections]}
+        return {**head, 'records': [_facts(each)[0] | _content(each) for each in selections]}
     others = []
     for each in predicted:
         errors = {'before': each.before_rms, 'after': each.after_rms, 'unit': record.unit('m')}
         begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.state}
         others.append({'file': each.path.record.source, **errors, **begins})
-    facts = [_load_facts(selections[0], k) for k in range(len(study.records))]
-    return {**head, **_content(selections[0]), 'records': facts, 'predicted': others}
+    return {**head, **_content(selections[0]), 'records': _facts(selections[0]), 'predicted': others}
 
 
 def _content(selection: Selection) -> Document:
@@ -82,33 +77,14 @@ def _content(selection: Selection) -> Document:
     }
 
 
-def _motion_facts(path: RecordPath) -> Document:
-    return {
-        'source': path.record.source,
-        'sweeps': path.sweeps,
-        'samples': len(path.time),
-        'force_range': float(np.ptp(path.driven)),
-        'travel': path.size,
-        'repeatability': repeatability(path),
-    }
-
-
-def _load_facts(selection: Selection, number: int) -> Document:
-    study, record = selection.study, selection.study.records[number]
-    path, block, judged = study.paths[number], study.blocks[number], selection.judged[number]
-    moved, rests = block.driven - record.response[0] + record.response_change[0], record.is_at_rest_first
-    return {
-        'source': record.source,
-        'samples': len(record),
-        'loaded': record.time[record.rest][-1] if rests else None,
-        'judged_from': record.time[record.judged_from],
-        'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
-        'deflection': moved[int(np.abs(moved).argmax())],
-        'remaining': record.remaining if rests else None,
-        'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
-        'response_error': {'before': judged.before_rms, 'after': judged.after_rms if selection.selected else None},
-        'state': judged.state,
-    }
+def _facts(selection: Selection) -> list[Document]:
+    """Of each record: its samples and errors, from which time on they count, its state of friction at the start."""
+    found = []
+    for each in selection.judged:
+        errors = {'before': each.before_rms, 'after': each.after_rms if selection.selected else None}
+        begins = {'judged_from': each.path.time[each.rows.argmax()], 'state': each.state}
+        found.append({'source': each.path.record.source, 'samples': len(each.path.time), 'error': errors, **begins})
+    return found
 
 
 def _words(selection: Selection) -> tuple[str, str, str]:
@@ -202,7 +178,7 @@ def verdict(selection: Selection) -> Verdict:
         rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
     rest += f' ({p_equals(selection.p_after)}).'
     level = 'good' if selection.is_complete and not selection.rivals else 'caution'
-    return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
+    return Verdict(headline, level, (evidence, errors, rest))
 
 
 def _reservations(selection: Selection) -> list[str]:
@@ -221,16 +197,6 @@ def _reservations(selection: Selection) -> list[str]:
     elif study.is_single and not study.in_loops:
         sentences.append('One record hardly tells slip from a gap; several records of the joint do.')
     return sentences
-
-
-def _repeats(selection: Selection) -> list[str]:
-    """How well the measured load repeats, which no law undercuts."""
-    study = selection.study
-    if study.driven_by != MOTION or not np.isfinite(limit := repeatability(study.paths[0])):
-        return []
-    ratio = rms(selection.final.along[0].residual[study.judged[0]]) / limit
-    repeats = study.records[0].words('Where the motion repeats, the {load} repeats to')
-    return [f'{repeats} {_number(limit)} {study.records[0].load_unit}; the residual is {ratio:.1f} times as large.']
 
 
 def _strongest(found: Sequence[Dependence], record: Record) -> str:
@@ -252,17 +218,10 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
         'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
         'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
     )
-    dependence = Note(
-        'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
-        'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is '
-        'not that at rest before it.'
-    )
-    judged, p_values = selection.judged, {each.variable: each.p_value_by_record for each in selection.dependence_before}
-    records = _record_table(selection, judged, p_values.get('memory', ()))
+    judged = selection.judged
     return (
-        Section('Records', (records, *_figures(selection, judged, name))),
+        Section('Records', (_record_table(selection, judged), *_figures(selection, judged, name))),
         Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
-        Section('What the residual depends on', (_dependence_table(selection), dependence)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
 
@@ -283,8 +242,8 @@ def _error_scale(selection: Selection) -> Scale:
     return _scale(selection.before.held_out_rms, unit)
 
 
-def _record_table(selection: Selection, judged: Sequence[Judged], memory: Sequence[float] = ()) -> Table:
-    """Each record: its load and response, the p-value of no memory, the errors when it is predicted."""
+def _record_table(selection: Selection, judged: Sequence[Judged]) -> Table:
+    """Each record: its load and response, the errors when it is predicted."""
     selected, error = selection.selected, _error_scale(selection)
     records = [each.path.record for each in judged]
     moved = _scale(max(float(np.ptp(record.response)) for record in records), records[0].unit('m'))
@@ -296,8 +255,6 @@ def _record_table(selection: Selection, judged: Sequence[Judged], memory: Sequen
     if not any(each.path.in_loops for each in judged):
         stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in records]
         columns.append(('stays', moved.unit, stays))
-    if memory:
-        columns.append(('p of no memory', '', [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory]))
     columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
         columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
@@ -323,21 +280,6 @@ def _candidate_table(selection: Selection) -> Table:
     return Table(headings, ('', '', error.unit, error.unit, '', '', ''), tuple(rows))
 
 
-def _dependence_table(selection: Selection) -> Table:
-    """What the residual of law (6) and that of the selected law depend on."""
-    record, rows = selection.study.records[0], []
-    after = {each.variable: each for each in selection.dependence_after}
-    for each in selection.dependence_before:
-        shown_ones = [each, after[each.variable]] if selection.selected else [each]
-        cells = [record.words(VARIABLES[each.variable])]
-        for one in shown_ones:
-            share = f'{100 * min(one.share, 1.0):.0f} %' if one.share > 0 else 'nothing'
-            cells += [share, chance(one.p_value)] if one.is_tested else [NOT_DETERMINED, NOT_DETERMINED]
-        rows.append(tuple(cells))
-    headings = ('residual over', 'before', 'p', 'after', 'p')[: len(rows[0])]
-    return Table(headings, ('',) * len(headings), tuple(rows))
-
-
 def _parameter_table(selection: Selection) -> Table:
     """Parameters of law (6) and of the selected law, or of the gap that it takes."""
     record = selection.study.records[0]
@@ -356,53 +298,35 @@ def _parameter_table(selection: Selection) -> Table:
 def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
     """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
     order = sorted(enumerate(judged), key=lambda numbered: -numbered[1].before_rms)
-    sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
-    more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
-    note = Note(
-        'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was '
-        'held out. Right: measured less predicted; what is shaded is judged.'
+    pictures = [
+        Figure(partial(_picture, selection, each, f'{name}_{k}'), title=each.path.record.name) for k, each in order
+    ]
+    note = (
+        'Before, after: error (rms) by law (6) and by the selected law. Measured, and predicted where it was held out.'
     )
-    return [note, *sections[:4], *[more][: len(sections[4:])]]
+    more = Section(f'{len(pictures) - 4} more', (Figures(tuple(pictures[4:])),), folded=True)
+    return [Figures(tuple(pictures[:4]), note), *[more][: len(pictures[4:])]]
 
 
-def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
-    """What is driven over what drives, measured and predicted; residuals over time, what is judged shaded."""
-    path, record, per_time = judged.path, judged.path.record, _error_scale(selection)
+def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
+    """What is driven over what drives, measured and predicted, at most 1000 points of each curve."""
+    path, record = judged.path, judged.path.record
     residuals = [(judged.before.residual, SERIES[1], 'law (6)')]
     residuals += [(judged.after.residual, SERIES[0], 'selected law')] if selection.selected else []
     driver, driven, measured = ('{load}', record.load_unit), ('{response}', record.unit('m')), record.response_change
     if path.driven_by == MOTION:
         driver, driven, measured = driven, driver, path.driven
     across, up = _scale(float(np.ptp(path.driver)), driver[1]), _scale(float(np.ptp(measured)), driven[1])
-    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up))]
-    curves = [(up.per_si * measured, INK, 'measured')]
-    curves += [(up.per_si * (measured - left), colour, label) for left, colour, label in residuals]
-    what = record.words(f'{driven[0]} over {driver[0]}, measured and predicted')
-    loop = partial(_curves, across.per_si * path.driver, curves, labels, f'{name}_loop', what)
-    labels = ['time  [s]', f'residual  [{per_time.unit}]']
-    what = 'residual over time by each law; what is judged is shaded'
-    begins = float(path.time[judged.rows.argmax()])
-    residuals = [(per_time.per_si * values, colour, label) for values, colour, label in residuals]
-    residual = partial(_curves, path.time, residuals, labels, f'{name}_residual', what, begins)
-    return Section(record.name, (Figures((Figure(loop), Figure(residual))),))
-
-
-def _curves(
-    x: Floats, curves: Sequence[Curve], labels: Sequence[str], name: str, what: str, judged_from: float | None = None
-) -> Markup:
-    """Curves with their colours and labels over x, at most 1000 points of each; over time, what is judged shaded."""
     figure, (axes,) = new_figure(450.0, 300.0, margins=Margins(left=64, right=8, bottom=74, top=12))
-    axes.set(xlabel=labels[0], ylabel=labels[1])
-    if judged_from is not None:
-        axes.axvspan(judged_from, x[-1], color=LINE, lw=0, alpha=0.5)
-        axes.axhline(0, color=FAINT, lw=0.9)
-        axes.set_xlim(x[0], x[-1])
-    block = -(-len(x) // 1000)
-    for values, colour, label in curves:
-        width = 0.8 if colour == INK else 1.4 if judged_from is None else 1.0
-        axes.plot(block_means(x, block), block_means(values, block), color=colour, lw=width, label=label)
+    xlabel, ylabel = (f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up)))
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    block = -(-len(measured) // 1000)
+    x = block_means(across.per_si * path.driver, block)
+    axes.plot(x, block_means(up.per_si * measured, block), color=INK, lw=0.8, label='measured')
+    for left, colour, label in residuals:
+        axes.plot(x, block_means(up.per_si * (measured - left), block), color=colour, lw=1.4, label=label)
     axes.legend(frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.19), ncols=3, handlelength=1.4)
-    return as_svg(figure, name, what)
+    return as_svg(figure, name, record.words(f'{driven[0]} over {driver[0]}, measured and predicted'))
 
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}

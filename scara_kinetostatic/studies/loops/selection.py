@@ -95,14 +95,12 @@ class Dependence(NamedTuple):
         share: explained share of the squared residual, for a motion on the half held out; below 0 if it increases.
         p_value: of no dependence, all records together; NaN where it could not be tested.
         detectable_share: share that the test would have found with a probability of `POWER`; NaN likewise.
-        p_value_by_record: of each record driven by its load; NaN where it could not be tested.
     """
 
     variable: str
     share: float
     p_value: float
     detectable_share: float
-    p_value_by_record: tuple[float, ...] = ()
 
     @property
     def is_tested(self) -> bool:
@@ -386,7 +384,7 @@ class Study:
             p_value, share = _fisher(p_values), sum(explained) / total if total > 0 else 0.0
             limit = sum(detectable) / total if total > 0 else 0.0
             limit = min(detectable) if self.in_loops else min(limit, 1.0) if p_value >= 0 else np.nan
-            found.append(Dependence(name, share, p_value, limit, () if self.driven_by == MOTION else p_values))
+            found.append(Dependence(name, share, p_value, limit))
         return tuple(sorted(found, key=lambda each: -each.share))
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
