@@ -9,7 +9,6 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
@@ -21,6 +20,7 @@ from scara_kinetostatic.studies.paper.study import (
     FORCE,
     FORCE_ERROR,
     FORCE_ERROR_FROM_NOISE,
+    NOISE,
     Reproduction,
     Run,
     determined_combination,
@@ -29,10 +29,6 @@ from scara_kinetostatic.studies.paper.study import (
 
 def paper_document(r: Reproduction) -> Document:
     """The document."""
-    noises = []
-    for study in r.noises:
-        errors = {'force_error': study.force_error, 'force_error_std': study.force_error_std, 'z': _named(study.z)}
-        noises.append({**_noise(study.noise), **errors, 'chi_square': study.chi_square, 'degrees_of_freedom': r.rank})
     scatters = {}
     for name, scatter in r.monte_carlo.items():
         named = {key: _named(getattr(scatter, key)) for key in ('predicted', 'found', 'bias')}
@@ -43,8 +39,7 @@ def paper_document(r: Reproduction) -> Document:
         'paper': {'estimated': ESTIMATED.as_dict(), 'estimated_from_noise': ESTIMATED_FROM_NOISE.as_dict()},
         'one_level': _run(r.exact),
         'three_levels': _run(r.exact_levels),
-        'noise_of_table_2': noises,
-        'noisy': {'noise': _noise(r.noise), **_run(r.noisy)},
+        'noisy': {'noise': {'joint': NOISE.joint_rms, 'force': NOISE.force_rms}, **_run(r.noisy)},
         'monte_carlo': scatters,
         'dial_gauge': dial_gauge_document(r.dial_gauge),
     }
@@ -59,10 +54,6 @@ def _run(run: Run) -> Document:
     found['paper_algorithm'] |= {'history': run.paper.history, 'rank': run.paper.rank}
     found['weighted'] |= {'rank': identifiability.rank, 'confounded': identifiability.confounded}
     return found
-
-
-def _noise(noise: Noise) -> Document:
-    return {'joint': noise.joint_rms, 'force': noise.force_rms}
 
 
 def _named(values: Any) -> dict[str, float]:
@@ -169,9 +160,9 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
     printed = (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
     combinations = ', '.join(f'{1e6 * determined_combination(values.as_array()):.2f}' for values in printed)
     line = (
-        f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.rank}: all points of the '
-        f'line fit equally well. The three printed columns have 40 p_ee − g_ee = {combinations} µm. With three force '
-        'levels the rank is 12, and all twelve parameters are determined.'
+        f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.exact.paper.rank}: all '
+        'points of the line fit equally well. The three printed columns have '
+        f'40 p_ee − g_ee = {combinations} µm. With three force levels the rank is 12, and all are determined.'
     )
     return (
         Section(
@@ -184,15 +175,6 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
 def _deviations(r: Reproduction) -> tuple[Section, ...]:
     scatter = r.monte_carlo['paper']
     low, high = scatter.force_error_range
-    ratios = (
-        'For five ratios of joint to force noise: the noise for which e_f = 1.31 N, and the printed noisy estimates '
-        'compared with the covariance predicted for it.'
-    )
-    jointly = (
-        'Each single parameter is within two standard deviations of its true value. Jointly they are not: their errors '
-        'are not correlated as those of a least-squares solution of this cell are, at any noise. The printed column is '
-        'therefore either not the minimum, or was computed in a cell that differs from figure 3.'
-    )
     sets = (
         f'{scatter.runs} data sets at three force levels, each estimated by both algorithms. The prediction is '
         'J⁺ (Σ_F + A_Q Σ_Q A_Qᵀ) J⁺ᵀ for the paper’s unweighted estimator, and the Cramér–Rao bound for the weighted '
@@ -203,10 +185,7 @@ def _deviations(r: Reproduction) -> tuple[Section, ...]:
         f'{high:.2f} N; the paper states 1.25 to 1.35 N.'
     )
     found = Figure(partial(scatter_picture, r), 'Grey: two standard deviations of the sampling error.')
-    return (
-        Section('The noise of the third column', (ratios, _noise_table(r), jointly)),
-        Section('Are the standard deviations as predicted?', (sets, found, errors)),
-    )
+    return (Section('Are the standard deviations as predicted?', (sets, found, errors)),)
 
 
 def _experiments(r: Reproduction) -> tuple[Section, ...]:
@@ -243,20 +222,8 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
     errors = ('' if error is None else f'{error:.3e}' for _, error in columns.values())
     note = (
         'With one force level only 40 p_ee − g_ee is determined. Two data sets with noise: the printed column, and one '
-        f'simulated at three force levels (10, 20, 40 N) with σ_q = {1e6 * r.noise.joint_rms:.1f} µrad and '
-        f'σ_f = {r.noise.force_rms:.2f} N.'
+        f'simulated at three force levels (10, 20, 40 N) with σ_q = {1e6 * NOISE.joint_rms:.1f} µrad and '
+        f'σ_f = {NOISE.force_rms:.2f} N.'
     )
     heading = ('parameter', 'unit', *columns, 'its std')
     return Table(heading, ('',) * len(heading), (*rows, ('e_f', 'N', *errors, ''))), Note(note)
-
-
-def _noise_table(r: Reproduction) -> Table:
-    """σ_q, σ_f, e_f ± standard deviation, largest |z| of the paper's noisy column, its chi-square."""
-    rows = []
-    for study in r.noises:
-        noise, error = study.noise, f'{study.force_error:.2f} ± {study.force_error_std:.2f}'
-        largest = int(np.abs(study.z).argmax())
-        off = f'{abs(study.z[largest]):.1f}', NAMES[largest], f'{study.chi_square:.0f} / {r.rank}'
-        rows.append((f'{1e6 * noise.joint_rms:.1f}', f'{noise.force_rms:.3f}', error, *off))
-    heading = ('σ_q', 'σ_f', 'e_f', 'largest single deviation', 'of', 'χ² / degrees of freedom')
-    return Table(heading, ('µrad', 'N', 'N', 'σ', '', ''), tuple(rows))
