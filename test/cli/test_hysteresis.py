@@ -161,14 +161,3 @@ def test_what_is_wrong_is_one_line(run, tmp_path, text, options, status, message
         (tmp_path / 'one.csv').write_text(text)
     refused(run('hysteresis', 'one.csv', *options), status, message)
     assert not (tmp_path / 'result').exists()
-
-
-def test_records_of_two_joints_are_not_mixed(run, tmp_path):
-    (tmp_path / 'one.csv').write_text(table(torque(), 'time_s,q2_rad,tau2_Nm'))
-    (tmp_path / 'two.csv').write_text(table(torque(-1.0), 'time_s,q4_rad,tau4_Nm'))
-    for options, message in (
-        (['two.csv'], 'two.csv: a record of joint 4, but one.csv is one of joint 2'),
-        (['--predict', 'two.csv'], 'two.csv: a record of joint 4'),
-    ):
-        refused(run('hysteresis', 'one.csv', *options, '--out', 'result'), 2, message)
-        assert not (tmp_path / 'result').exists()

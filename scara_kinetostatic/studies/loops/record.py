@@ -22,10 +22,9 @@ state: of a motion it is in every fit, and it never counts for an error.
 **Tables** of loads and displacements are those of a dial gauge and a force gauge, section 5.2, loads point by point,
 run by run, and continuous records.
 
-The columns of a record are the response, the load and the time among any others, chosen by name or by their units
-(`files.columns`). A displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm`
-tells the number of its joint: the columns of two joints do not go together. A column such as `commanded_Nm` says what
-drives.
+The columns of a record are the response, the load and the time among any others, by their names or those chosen. A
+displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm` tells the number of
+its joint: the columns of two joints do not go together. A column such as `commanded_Nm` says what drives.
 """
 
 from __future__ import annotations
@@ -73,7 +72,6 @@ class Record:
         load: N or Nm.
         response: m where the load is a force, rad where it is a torque.
         load_unit: 'N' or 'Nm'.
-        joint: its number in the headings, if there is one.
         driven_by: `LOAD` or `MOTION` where a column of commands says so, else empty.
 
     Raises:
@@ -85,7 +83,6 @@ class Record:
     load: Floats
     response: Floats
     load_unit: str = 'Nm'
-    joint: int | None = None
     driven_by: str = ''
 
     def __post_init__(self) -> None:
@@ -163,16 +160,13 @@ def check_alike(records: Sequence[Record]) -> None:
     """Checks that the records may be of one joint.
 
     Raises:
-        RecordingError: their units or the numbers of their joints differ; the first other one is named.
+        RecordingError: their units differ; the first other one is named.
     """
     first = records[0]
     for each in records[1:]:
         if each.load_unit != first.load_unit:
             problem = f'its load is in {each.load_unit}, that of {first.source} in {first.load_unit}'
             raise RecordingError(each.source, problem, 'give records of one joint')
-        if None not in (each.joint, first.joint) and each.joint != first.joint:
-            problem = f'a record of joint {each.joint}, but {first.source} is one of joint {first.joint}'
-            raise RecordingError(each.source, problem, 'give records of one joint, or rename the columns')
 
 
 def what_drives(records: Sequence[Record]) -> str:
@@ -557,98 +551,47 @@ def _run(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
     return Readings(**arrays, **of_run, source=source)
 
 
-_QUANTITIES = {
-    'm': (columns.LENGTH, 0.5),
-    'rad': (columns.ANGLE, 100.0),
-    'N': (columns.FORCE, 1e6),
-    'Nm': (columns.TORQUE, 1e6),
-    's': (columns.TIME, 1e12),
-}
-"""By SI unit: factor to it by unit, and the largest plausible size."""
 _KINDS = {
-    'load': ('N Nm', 'force load f torque moment', 'force_N or torque_Nm'),
-    'response': ('m rad', 'displacement deflection response angle rotation', 'displacement_m or angle_rad'),
-    'time': ('s', 'time t', 'time_s'),
+    'load': (('force', 'load', 'f', 'torque', 'moment'), {'N': columns.FORCE, 'Nm': columns.TORQUE}),
+    'response': (
+        ('displacement', 'deflection', 'response', 'angle', 'rotation'),
+        {'m': columns.LENGTH, 'rad': columns.ANGLE},
+    ),
+    'time': (('time', 't'), {'s': columns.TIME}),
 }
-"""What a column may be: its SI units, words that are preferred to others of the same unit, an example."""
+"""What a column may be called where none is chosen, and its units by SI unit."""
+_LARGEST = {'m': 0.5, 'rad': 100.0, 'N': 1e6, 'Nm': 1e6, 's': 1e12}
+"""The largest plausible size by SI unit."""
 
 
-class RecordColumn(NamedTuple):
-    """A column: its heading, its number from 0, its SI unit, the factor to it."""
-
-    heading: str
-    number: int
-    unit: str
-    factor: float
-
-    @property
-    def joint(self) -> int | None:
-        """Number of the joint in the heading, if it has one."""
-        match = re.search(r'(?:joint|axis|angle|torque|tau|q)[ _]?(\d+)', self.heading.lower())
-        return int(match[1]) if match else None
-
-    def goes_with(self, other: RecordColumn) -> bool:
-        """Whether they are a displacement and a force, or an angle and a torque."""
-        return {self.unit, other.unit} in ({'m', 'N'}, {'rad', 'Nm'})
-
-
-def choose_columns(
-    headings: Sequence[str], where: str, response: str | None = None, load: str | None = None
-) -> dict[str, RecordColumn]:
-    """The columns of a record by kind: load, response and time.
-
-    Args:
-        headings: of the table.
-        where: the file, for messages.
-        response: heading of the response; None for the only one, or the one with a name such as `angle_rad`.
-        load: heading of the load, likewise; its quantity must go with that of the response.
+def _choose(table: Table, kind: str, chosen: str | None) -> tuple[str, str, Place]:
+    """The column of a kind: its heading, its SI unit, its place.
 
     Raises:
-        ParameterError: the table has no such column of a response or a load.
-        RecordingError: a column is not given and cannot be told, or the two do not go together.
+        ParameterError: no column has the name chosen and such a unit.
+        RecordingError: none is chosen, and not one column is called so.
     """
-    known = []
-    for number, heading in enumerate(headings):
-        unit = re.sub(r'[\s·*]', '', split_heading(heading)[1])
-        sizes = ((si, factors[unit]) for si, (factors, _) in _QUANTITIES.items() if unit in factors)
-        known += [RecordColumn(heading, number, si, factor) for si, factor in sizes]
-    names = {'load': load, 'response': response, 'time': None}
-    chosen: dict[str, RecordColumn] = {}
-    for kind in sorted(names, key=lambda kind: names[kind] is None):  # those named come first
-        units, words, example = _KINDS[kind]
-        fitting, name = [column for column in known if column.unit in units.split()], names[kind]
-        if name is not None:
-            found = [column for column in fitting if column.heading == name.strip()]
-            if len(found) != 1:
-                problem = f'expected one column of {where} with this name and a unit of a {kind}, got {len(found)}'
-                remedy = f'choose {_listed(fitting)}' if fitting else f'name one {example}'
-                raise ParameterError(f'--{kind} {name}', problem, remedy)
-        else:
-            other = None if kind == 'time' else next(iter(chosen.values()), None)
-            fitting = [column for column in fitting if other is None or column.goes_with(other)]
-            found = [column for column in fitting if split_heading(column.heading)[0].lower() in words.split()]
-            found = fitting if len(fitting) == 1 else found
-            if len(found) != 1 and fitting:
-                remedy = 'leave all but one out' if kind == 'time' else f'choose one by --{kind}'
-                problem = f'{len(fitting)} columns may be the {kind}: {_listed(fitting)}'
-                raise RecordingError(where, problem, remedy)
-            if not found:
-                problem = f'there is no column of the {kind}{f" that goes with {other.heading}" if other else ""}'
-                raise RecordingError(where, problem, f'name one with its unit, such as {example}')
-        chosen[kind] = found[0]
-    one, other = chosen['response'], chosen['load']
-    if not one.goes_with(other):
-        problem = f'the units of {one.heading} and {other.heading} do not go together'
-        remedy = 'give an angle with a torque (rad, Nm), or a displacement with a force (m, N)'
-        raise RecordingError(where, problem, remedy)
-    if None not in (one.joint, other.joint) and one.joint != other.joint:
-        problem = f'{one.heading} and {other.heading} are columns of two joints, {one.joint} and {other.joint}'
-        raise RecordingError(where, problem, 'choose those of one joint, or rename one if they do belong together')
-    return chosen
-
-
-def _listed(several: Sequence[RecordColumn]) -> str:
-    return ', '.join(column.heading for column in several[:6]) + (' …' if len(several) > 6 else '')
+    words, units = _KINDS[kind]
+    found, fitting = [], []
+    for number, heading in enumerate(table.heading):
+        word, unit = split_heading(heading)
+        unit = re.sub(r'[\s·*]', '', unit)
+        for si, factors in units.items():
+            if unit in factors:
+                fitting.append(heading)
+                if heading == chosen.strip() if chosen is not None else word.lower() in words:
+                    place = Place(Column(kind, (), largest=_LARGEST[si]), number, factors[unit])
+                    found.append((heading, si, place))
+    if len(found) == 1:
+        return found[0]
+    remedy = f'name one with its unit, such as {words[0]}_{next(iter(units))}'
+    if fitting and kind != 'time':
+        listed = ', '.join(fitting[:6]) + ' …' * (len(fitting) > 6)
+        remedy = f'choose one by --{kind}: {listed}'
+    if chosen is not None:
+        problem = f'expected one column of {table.source} with this name and a unit of a {kind}, got {len(found)}'
+        raise ParameterError(f'--{kind} {chosen}', problem, remedy)
+    raise RecordingError(table.source, f'expected one column of the {kind}, got {len(found)}', remedy)
 
 
 def load_record(path: str | Path, response: str | None = None, load: str | None = None) -> Record:
@@ -656,7 +599,7 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
 
     Args:
         path: the file.
-        response: heading of the response; None for the one that its name or its unit tells.
+        response: heading of the response; None for the one with a name such as `angle_rad`.
         load: heading of the load, likewise.
 
     Raises:
@@ -665,19 +608,24 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
         UnsupportedDataError: see `Record`.
     """
     table = load_table(Path(path), 'time_s,angle_rad,torque_Nm')
-    chosen = choose_columns(table.heading, table.source, response, load)
-    places = {
-        kind: Place(Column(kind, (), largest=_QUANTITIES[column.unit][1]), column.number, column.factor)
-        for kind, column in chosen.items()
-    }
-    values = table.read(places).numbers
+    asked = {'response': response, 'load': load, 'time': None}
+    found = {kind: _choose(table, kind, chosen) for kind, chosen in asked.items()}
+    (one, unit, _), (other, load_unit, _) = found['response'], found['load']
+    if (unit, load_unit) not in (('m', 'N'), ('rad', 'Nm')):
+        problem = f'the units of {one} and {other} do not go together'
+        remedy = 'give an angle with a torque (rad, Nm), or a displacement with a force (m, N)'
+        raise RecordingError(table.source, problem, remedy)
+    joints = [re.search(r'(?:joint|axis|angle|torque|tau|q)[ _]?(\d+)', heading.lower()) for heading in (one, other)]
+    if len({match[1] for match in joints if match}) > 1:
+        problem = f'{one} and {other} are columns of two joints'
+        raise RecordingError(table.source, problem, 'choose those of one joint, or rename one if they belong together')
+    values = table.read({kind: place for kind, (_, _, place) in found.items()}).numbers
     steps = np.abs(np.diff(values['response'], prepend=values['response'][0]))
-    if chosen['response'].unit == 'rad' and steps.max() > np.pi:
+    if unit == 'rad' and steps.max() > np.pi:
         line = table.rows[int(steps.argmax())][0]
-        problem = f'line {line}: {chosen["response"].heading} jumps by {steps.max():.3g} rad, more than half a turn'
+        problem = f'line {line}: {one} jumps by {steps.max():.3g} rad, more than half a turn'
         raise RecordingError(table.source, problem, 'unwrap the angle, or check the unit of the column')
-    joint = chosen['response'].joint if chosen['response'].joint is not None else chosen['load'].joint
     commanded = {split_heading(each)[1] for each in table.heading if each.lower().startswith('command')}
-    drivers = ((LOAD, 'load'), (MOTION, 'response'))
-    driven_by = next((who for who, kind in drivers if commanded & {*_QUANTITIES[chosen[kind].unit][0]}), '')
-    return Record(table.source, **values, load_unit=chosen['load'].unit, joint=joint, driven_by=driven_by)
+    drivers = ((LOAD, 'load', load_unit), (MOTION, 'response', unit))
+    driven_by = next((driver for driver, kind, si in drivers if commanded & {*_KINDS[kind][1][si]}), '')
+    return Record(table.source, **values, load_unit=load_unit, driven_by=driven_by)
