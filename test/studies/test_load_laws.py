@@ -144,7 +144,7 @@ def test_false_alarms_are_rare() -> None:
 def test_one_record_is_not_taken_for_several(records: list[Record]) -> None:
     """Of a slip whose own record shows no dependence beyond a gap law (6) is not called sufficient."""
     found = select_model(Study(records[:1]))
-    headline, level, sentences, _ = verdict(found)
+    headline, level, *_ = verdict(found)
     assert (found.verdict, found.selected) == ('undecided', None)
     assert any(map(found.is_clearly_smaller, found.candidates))
     assert headline == 'These records do not show whether law (6) is sufficient'
@@ -152,7 +152,6 @@ def test_one_record_is_not_taken_for_several(records: list[Record]) -> None:
     report = hysteresis_report([found])
     assert 'less, not significantly' in as_text(report)
     assert 'class="verdict caution"' in as_page(report)
-    assert 'One record hardly tells slip from a gap; several records of the joint do.' in sentences
 
 
 def test_what_was_not_tested_is_said() -> None:
@@ -301,8 +300,6 @@ def test_records_in_loops_and_from_rest_are_taken_together() -> None:
     for name, true in GEAR.items():
         assert found.final.parameters[name].value == pytest.approx(true, rel=0.05)
     assert max(each.after_rms for each in found.judged) < 2 * 3e-4
-    said = ' '.join(as_text(hysteresis_report([found])).split())
-    assert 'Of a record that begins at rest: after the unloading' in said
     alone = Study(records[1:]).candidate(found.final.law)
     assert found.final.along[2].state == pytest.approx(alone.along[1].state, abs=0.02)
 

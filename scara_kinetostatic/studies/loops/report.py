@@ -87,24 +87,14 @@ def _facts(selection: Selection) -> list[Document]:
     return found
 
 
-def _words(selection: Selection) -> tuple[str, str, str]:
-    """How the error of what was held out is said, where standard deviations are from, what the errors are."""
+def _held_out(selection: Selection) -> str:
+    """How what was held out is predicted."""
     study = selection.study
     if study.driven_by == MOTION:
-        errors = (
-            'rms of the {load}, without the first sweep. Held out: each half of the sweeps predicted from the other'
-        )
-        return 'On sweeps not used in the fit, the error', 'delete-one-cycle jackknife', f'Errors: {errors}.'
+        return 'On sweeps not used in the fit'
     if study.is_single:
-        uncertainty = 'delete-one-sweep jackknife' if study.in_loops else 'one record gives none'
-        errors = 'rms of the {response} of the later half. Held out: predicted by a fit to the earlier half'
-        return 'The later half predicted from the earlier half, the error', uncertainty, f'Errors: {errors}.'
-    judged, mixed = 'after the first third' if study.in_loops else 'after unloading', ''
-    if study.in_loops and not all(path.in_loops for path in study.paths):
-        mixed = ' Of a record that begins at rest: after the unloading; tests are those of the loops.'
-    errors = f'Errors: rms of the {{response}} {judged}.{mixed} Held out: predicted with the parameters of the other '
-    errors += 'records; zero and state of friction from its own samples before.'
-    return f'Each record predicted from the others, the error {judged}', 'delete-one-record jackknife', errors
+        return 'The later half predicted from the earlier half'
+    return 'Each record predicted from the others, after its unloading or, in loops, its first third'
 
 
 def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
@@ -144,9 +134,9 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit, held_out = 100 * min(selection.detectable, 1.0), _words(selection)[0]
+    limit, held_out = 100 * min(selection.detectable, 1.0), _held_out(selection)
     share = f'That is {100 * selection.share_of_range:.2g} % of the range.'
-    errors = f'{held_out} of law (6) is {before} {error.unit} (rms). {share}'
+    errors = f'{held_out}, the error of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
         headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
@@ -172,7 +162,7 @@ def verdict(selection: Selection) -> Verdict:
         headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
-    errors = f'{held_out} falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
+    errors = f'{held_out}, the error falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
     rest = 'No further dependence of the residual was found'
     if not selection.is_complete:
         rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
@@ -194,8 +184,6 @@ def _reservations(selection: Selection) -> list[str]:
     total = sum(float(np.var(path.driven) * len(path.time)) for path in study.blocks)
     if selection.before.whole.square > 0.9 * total:
         sentences.append(record.words('The {response} hardly follows the {load}: do the columns belong to one joint?'))
-    elif study.is_single and not study.in_loops:
-        sentences.append('One record hardly tells slip from a gap; several records of the joint do.')
     return sentences
 
 
@@ -206,22 +194,23 @@ def _strongest(found: Sequence[Dependence], record: Record) -> str:
 
 def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     study, record = selection.study, selection.study.records[0]
-    _, uncertainty, errors = _words(selection)
-    note = f'Standard deviations: {uncertainty}.'
+    note = 'Standard deviations: jackknife over cycles, sweeps or records; none of one record from rest to rest.'
     if not selection.is_complete:
         note = 'No law is complete: this is no compliance and no gap of the joint, and has no standard deviation.'
     if study.driven_by != MOTION:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
     compared = Note(
-        'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
+        'Errors: rms. Held out: predicted by fits that have not seen what is judged; zero and state of friction are '
+        'from the samples before. p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), '
+        'which counts the parameters. '
         'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
         'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
     )
     judged = selection.judged
     return (
         Section('Records', (_record_table(selection, judged), *_figures(selection, judged, name))),
-        Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
+        Section('Laws compared', (_candidate_table(selection), compared)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
 
