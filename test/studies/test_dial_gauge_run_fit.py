@@ -122,14 +122,6 @@ def test_loads_that_are_not_removed_say_nothing_about_hysteresis():
     assert fit.gap.value == pytest.approx(GAP)
 
 
-def test_one_slip_of_the_pen_is_named():
-    slip = np.zeros(len(FORCE))
-    slip[30] = 2e-5
-    fit = fit_run(readings(np.random.default_rng(3), extra=slip))
-    assert fit.row_p.argmin() == 30
-    assert fit.row_p[30] < 1e-8
-
-
 @pytest.mark.parametrize(('noise', 'resolution'), [(0.0, 1e-5), (5e-6, 1e-5), (2e-6, 1e-6)])
 def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, resolution):
     rng, z = np.random.default_rng(0), []
