@@ -13,7 +13,7 @@ from scara_kinetostatic.report import as_text
 from scara_kinetostatic.studies.loops.fit import Moments, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
 from scara_kinetostatic.studies.loops.record import MOTION, Record, RecordPath
-from scara_kinetostatic.studies.loops.report import hysteresis_report
+from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
 from scara_kinetostatic.studies.loops.selection import Study, select_model
 
 TRUTH = {'zero': 0.001, 'compliance': 1e-6, 'half_gap': 2e-3, 'force_zero': 50.0}
@@ -171,7 +171,9 @@ def test_what_no_candidate_explains_is_said_to_be_unexplained():
     selection = select_model(Study([softened], MOTION, [LAWS['viscous']]))
     assert selection.verdict == 'unexplained'
     assert selection.p_value < 0.01
-    assert {str(each.std) for law in selection.stated.values() for each in law.values()} == {'nan'}
+    assert {str(each.std) for each in selection.stated(selection.before).values()} == {'nan'}
+    document = hysteresis_document([selection])['records'][0]
+    assert {str(each.std) for law in document['candidates'] for each in law['parameters'].values()} == {'nan'}
     said = ' '.join(as_text(hysteresis_report([selection])).split())
     assert 'before: fit only' in said and 'this is no compliance and no gap of the joint' in said
 

@@ -54,7 +54,7 @@ def _content(selection: Selection) -> Document:
     candidates = []
     for each in laws:
         law = {'name': each.law.name, 'effect': each.law.effect, 'p_value': each.p_gain, 'bic_difference': each.bic}
-        found = {'accepted': each.accepted, **errors[each.law.name], 'parameters': each.parameters}
+        found = {'accepted': each.accepted, **errors[each.law.name], 'parameters': selection.stated(each)}
         candidates.append(law | found)
     both = {'before': errors[before.law.name], 'after': errors[selected.law.name] if selected else None}
     return {
@@ -73,7 +73,7 @@ def _content(selection: Selection) -> Document:
         'direction': study.direction,
         f'{driven}_error': {**both, 'unit': study.records[0].unit(unit)},
         'candidates': candidates,
-        'parameters': selection.stated,
+        'parameters': {each.law.name: selection.stated(each) for each in (before, selected) if each},
     }
 
 
@@ -247,8 +247,6 @@ def _record_table(selection: Selection, judged: Sequence[Judged]) -> Table:
     columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
         columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
-        if selected.law.has_state:
-            columns.append(('state at the start', '', [f'{each.state:+.2f}' for each in judged]))
     headings, units, cells = zip(*columns, strict=True)
     return Table(headings, units, tuple(zip(*cells, strict=True)))
 
@@ -272,7 +270,9 @@ def _candidate_table(selection: Selection) -> Table:
 def _parameter_table(selection: Selection) -> Table:
     """Parameters of law (6) and of the selected law, or of the gap that it takes."""
     record = selection.study.records[0]
-    columns = dict(zip(('before', 'after'), selection.stated.values(), strict=False))
+    columns = {'before': selection.stated(selection.before)}
+    if selection.selected:
+        columns['after'] = selection.stated(selection.selected)
     if selection.needs_memory:
         columns['gap that keeps its place'] = selection.candidates[0].parameters  # it comes first
     rows = []

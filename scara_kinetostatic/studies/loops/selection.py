@@ -550,15 +550,13 @@ class Selection(NamedTuple):
         """Whether the residual of the law that is stated was not found to depend on anything."""
         return self.p_after >= LEVEL / 2
 
-    @property
-    def stated(self) -> dict[str, dict[str, Estimate]]:
-        """The parameters of law (6) and of the selected law, by their names; without standard deviations where no law
-        is complete: they are then no compliance and no gap of the joint.
+    def stated(self, candidate: Candidate) -> dict[str, Estimate]:
+        """The parameters of a law; without standard deviations where no law is complete: they are then no compliance
+        and no gap of the joint.
         """
-        found = {each.law.name: each.parameters for each in (self.before, self.selected) if each}
         if self.is_complete:
-            return found
-        return {law: {name: each._replace(std=np.nan) for name, each in own.items()} for law, own in found.items()}
+            return candidate.parameters
+        return {name: each._replace(std=np.nan) for name, each in candidate.parameters.items()}
 
     @property
     def judged(self) -> tuple[Judged, ...]:
