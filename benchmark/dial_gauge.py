@@ -13,8 +13,7 @@ import sys
 import numpy as np
 
 from benchmark.common import parser, print_and_save
-from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.loops.dial_gauge import GRIPPER, JOINT1, JOINT2, analyse_runs
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, simulate_experiments
 
 

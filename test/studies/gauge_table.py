@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from scara_kinetostatic.files.columns import csv_lines
-from scara_kinetostatic.studies.loops.record import Readings
+from scara_kinetostatic.studies.loops.dial_gauge import Readings
 
 
 def dump_readings(runs: Iterable[Readings]) -> str:

@@ -10,7 +10,7 @@ from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.studies.loops.record import GaugeTable, Readings, table_readings
+from scara_kinetostatic.studies.loops.dial_gauge import GaugeTable, Readings, table_readings
 from scara_kinetostatic.studies.paper.study import simulate_experiments
 
 

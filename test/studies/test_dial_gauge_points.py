@@ -10,8 +10,15 @@ import pytest
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_runs
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, TIP, Readings
+from scara_kinetostatic.studies.loops.dial_gauge import (
+    GRIPPER,
+    JOINT1,
+    JOINT2,
+    TIP,
+    DialGaugeAnalysis,
+    Readings,
+    analyse_runs,
+)
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
 BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)

@@ -7,8 +7,7 @@ import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.loops import dial_gauge
-from scara_kinetostatic.studies.loops.dial_gauge import RunFit, combine_estimates, find_resolution, fit_run
-from scara_kinetostatic.studies.loops.record import Readings
+from scara_kinetostatic.studies.loops.dial_gauge import Readings, RunFit, combine_estimates, find_resolution, fit_run
 from scara_kinetostatic.studies.loops.selection import Estimate
 from scara_kinetostatic.studies.paper.study import load_cycles
 

@@ -19,9 +19,6 @@ before and after it is left out, where errors would be small without meaning. Lo
 reversal of what drives to the next. The first sweep, up to the first reversal, gives a law with memory its initial
 state: of a motion it is in every fit, and it never counts for an error.
 
-**Tables** of loads and displacements are those of a dial gauge and a force gauge, section 5.2, loads point by point,
-run by run, and continuous records.
-
 The columns of a record are the response, the load and the time among any others, by their names or those chosen. A
 displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm` tells the number of
 its joint: the columns of two joints do not go together. A column such as `commanded_Nm` says what drives.
@@ -29,13 +26,11 @@ its joint: the columns of two joints do not go together. A column such as `comma
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -43,7 +38,7 @@ from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
 from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Place, Table, load_table, one_of, split_heading
+from scara_kinetostatic.files.columns import Column, Place, Table, load_table, split_heading
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.touch import play_limits, play_range
 
@@ -424,131 +419,6 @@ def block_means(values: Floats, block: int) -> Floats:
     """Means of successive blocks of samples, without an incomplete last one."""
     count = len(values) // block * block
     return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
-
-
-GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
-PARTS = (GRIPPER, JOINT1, JOINT2)
-"""The loaded part: the gripper with both joints locked, or one joint with the other locked."""
-TIP, LINK = 'tip', 'link'
-"""Where the dial gauge touches: the end-effector, or the end of link 2, where the gripper does not contribute."""
-
-
-@dataclass(frozen=True)
-class Readings:
-    """Rows of one run, in the order in which they were taken: one part, one place of the gauge, one direction.
-
-    Attributes:
-        force: load along the direction, of either sign, (n,), N.
-        displacement: of the point that the gauge touches, positive along the positive force, (n,), m.
-        cycle: number of the load cycle, (n,); NaN where none is given.
-        line: of the file, (n,), from 1.
-        part: one of `PARTS`.
-        gauge_at: `TIP` or `LINK`; if empty the `TIP` for a gripper, the `LINK` for a joint.
-        direction: of the positive load, rad; NaN if none is given.
-        lever: arm of the load about the joint, m; NaN for the gripper.
-        source: name of the file.
-    """
-
-    force: Floats
-    displacement: Floats
-    cycle: Floats = field(default_factory=lambda: np.array(math.nan))
-    line: Indices = field(default_factory=lambda: np.array(0))
-    part: str = GRIPPER
-    gauge_at: str = ''
-    direction: float = math.nan
-    lever: float = math.nan
-    source: str = 'readings'
-
-    def __post_init__(self) -> None:
-        for name in ('force', 'displacement', 'cycle', 'line'):
-            array = np.array(np.broadcast_to(getattr(self, name), np.shape(self.force)))
-            object.__setattr__(self, name, read_only(array))
-        if not self.gauge_at:
-            object.__setattr__(self, 'gauge_at', TIP if self.part == GRIPPER else LINK)
-
-    def __len__(self) -> int:
-        return len(self.force)
-
-    @property
-    def name(self) -> str:
-        """What was loaded, for messages."""
-        part = self.part.replace('joint', 'joint ')
-        return part if math.isnan(self.direction) else f'{part} at {math.degrees(self.direction):g}°'
-
-
-class GaugeTable(NamedTuple):
-    """What a table holds: its runs in the order in which they begin; remarks."""
-
-    runs: tuple[Readings, ...]
-    notes: tuple[str, ...] = ()
-
-
-COLUMNS = (
-    Column('force', ('force', 'load', 'f'), columns.FORCE, True, largest=1e6),
-    Column('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), columns.LENGTH, True, largest=0.5),
-    Column(
-        'direction', ('direction', 'angle'), columns.ANGLE, blank=True,
-        largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
-    ),
-    Column('lever', ('lever', 'arm'), columns.LENGTH, blank=True, largest=10.0, positive=True),
-    Column('time', ('time', 't'), columns.TIME, blank=True, largest=1e12),
-    Column('cycle', ('cycle',), blank=True, largest=1e6),
-    Column(
-        'part', ('part', 'joint'), blank=True,
-        parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
-    ),
-    Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
-)  # fmt: skip
-
-
-def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
-    """Reads a table of readings.
-
-    Args:
-        path: the file.
-        defaults: by name of an optional column, the value where it is missing, or a cell of it is empty; SI.
-
-    Raises:
-        ParameterError: the rows of a joint have no lever.
-        RecordingError: the file cannot be read, a column or a row of it is wrong, or it is a continuous record.
-    """
-    return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
-
-
-def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
-    """The readings in a table; see `load_readings`."""
-    places = table.find(COLUMNS)
-    values = table.read(places)
-    cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
-    absent = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
-    for name, default in (absent | defaults).items():
-        given = cells.get(name, [None] * len(table.rows))
-        cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
-    notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
-    if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
-        problem = 'a continuous record: it has a time and neither cycle nor direction'
-        raise RecordingError(table.source, problem, 'give it to the verb hysteresis, or leave the time out')
-    cells['line'] = [line for line, _ in table.rows]
-    runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for values_of_row in zip(*cells.values(), strict=True):
-        row = dict(zip(cells, values_of_row, strict=True))
-        if row['part'] == GRIPPER:
-            row['lever'] = math.nan
-        elif math.isnan(row['lever']):
-            where, remedy = f'{table.source}: line {row["line"]}', 'add a column lever_m, or give --lever'
-            raise ParameterError(where, 'a joint needs its lever', remedy)
-        own = row['part'], row['gauge_at'], str(round(row['direction'], 6)), str(round(row['lever'], 9))
-        runs.setdefault(own, []).append(row)
-    return GaugeTable(tuple(_run(table.source, rows) for rows in runs.values()), notes)
-
-
-def _run(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
-    """One run, from its rows."""
-    arrays: dict[str, Any] = {
-        name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')
-    }
-    of_run = {name: rows[0][name] for name in ('part', 'gauge_at', 'direction', 'lever')}
-    return Readings(**arrays, **of_run, source=source)
 
 
 _KINDS = {

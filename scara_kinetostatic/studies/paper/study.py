@@ -63,8 +63,15 @@ from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL,
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_runs
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, PARTS, Readings
+from scara_kinetostatic.studies.loops.dial_gauge import (
+    GRIPPER,
+    JOINT1,
+    JOINT2,
+    PARTS,
+    DialGaugeAnalysis,
+    Readings,
+    analyse_runs,
+)
 
 DIRECTIONS = tuple(np.radians(np.arange(0, 360, 30)).tolist())
 
