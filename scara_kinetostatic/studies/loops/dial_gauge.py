@@ -246,33 +246,23 @@ class CombinedEstimate(NamedTuple):
     """Weighted mean of several estimates of one quantity, and a test of their consistency.
 
     Attributes:
-        value: weighted mean.
-        std: of the mean; where the estimates are inconsistent the variance between them is included.
+        estimate: weighted mean; where the estimates are inconsistent its std includes the variance between them.
         chi_square: of the estimates about their mean.
         degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
-        between_std: standard deviation between the estimates beyond their own (DerSimonian and Laird, 1986).
-        unit: of value and standard deviations.
     """
 
-    value: float
-    std: float
+    estimate: Estimate
     chi_square: float
     degrees_of_freedom: int
     p_value: float
-    between_std: float
-    unit: str
-
-    @property
-    def estimate(self) -> Estimate:
-        """The mean with its standard deviation."""
-        return Estimate(self.value, self.std, self.unit)
 
 
 def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEstimate:
     """Weighted mean and test of consistency of several estimates, that of Welch (1951).
 
-    Estimates are inconsistent below a p-value of 1 %; then the variance between them is added to their own.
+    Estimates are inconsistent below a p-value of 1 %; then the variance between them (DerSimonian and Laird, 1986) is
+    added to their own.
 
     Args:
         estimates: n of 2 or more.
@@ -290,8 +280,8 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEst
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
-    mean_std, unit = float(1 / np.sqrt(weight.sum())), estimates[0].unit
-    return CombinedEstimate(centre, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)), unit)
+    found = Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit)
+    return CombinedEstimate(found, chi_square, count - 1, p_value)
 
 
 ZERO_BAND = 0.02

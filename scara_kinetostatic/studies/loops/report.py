@@ -419,7 +419,7 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
         if isotropy.p_value >= LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
             continue
-        values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.unit}'
+        values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
         found.append(f'The {what} depends on the direction ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
 

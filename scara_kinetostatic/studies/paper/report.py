@@ -31,7 +31,7 @@ def paper_document(r: Reproduction) -> Document:
     """The document."""
     scatters = {}
     for name, scatter in r.monte_carlo.items():
-        named = {key: _named(getattr(scatter, key)) for key in ('predicted', 'found', 'bias')}
+        named = {key: _named(getattr(scatter, key)) for key in ('predicted', 'found')}
         scatters[name] = scatter._asdict() | named
     return {
         'schema': 'scara_kinetostatic/paper/1',

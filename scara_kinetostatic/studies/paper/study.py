@@ -305,7 +305,6 @@ class Scatter(NamedTuple):
         runs: number of data sets.
         predicted: standard deviations predicted for this estimator.
         found: standard deviations over the data sets.
-        bias: mean error.
         force_error: mean e_f (10) over the data sets, N.
         force_error_range: 2.5 % and 97.5 % quantiles of e_f, N.
     """
@@ -313,7 +312,6 @@ class Scatter(NamedTuple):
     runs: int
     predicted: Floats
     found: Floats
-    bias: Floats
     force_error: float
     force_error_range: tuple[float, float]
 
@@ -339,7 +337,7 @@ def _scatter(rows: Floats, covariance: Floats) -> Scatter:
     error, force_error = rows[:, :12] - PAPER_ACTUAL.as_array(), float(rows[:, 12].mean())
     low, high = np.quantile(rows[:, 12], [0.025, 0.975]).tolist()
     predicted, found = np.sqrt(np.diag(covariance)), error.std(axis=0, ddof=1)
-    return Scatter(len(rows), predicted, found, error.mean(axis=0), force_error, (low, high))
+    return Scatter(len(rows), predicted, found, force_error, (low, high))
 
 
 class Reproduction(NamedTuple):
