@@ -13,15 +13,14 @@ import sys
 import numpy as np
 
 from benchmark.common import parser, print_and_save
-from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.loops.dial_gauge import GRIPPER, JOINT1, JOINT2, analyse_runs
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, simulate_experiments
 
 
 def evaluate(number: int) -> dict[str, object]:
     """Pooled figures of so many files."""
     bench = DialGaugeBench()
-    z, warned, isotropy, ellipse = [], 0, [], []
+    z, warned, isotropy = [], 0, []
     for seed in range(number):
         parts, warnings = analyse_runs(simulate_experiments(bench, seed=seed))
         gripper = parts[GRIPPER]
@@ -35,8 +34,6 @@ def evaluate(number: int) -> dict[str, object]:
         )
         warned += bool(warnings)
         isotropy.append([each.p_value for each in gripper.combined.values()])
-        found_ellipse = gripper.ellipses['gap']
-        ellipse.append(np.nan if found_ellipse is None else found_ellipse.p_value)
     errors, p = np.array(z), np.array(isotropy)
     rms = np.sqrt((errors**2).mean(axis=0))
     return {
@@ -48,7 +45,6 @@ def evaluate(number: int) -> dict[str, object]:
         'files_with_a_false_warning': warned / number,
         'compliance_called_anisotropic_at_1_percent': float((p[:, 0] < 0.01).mean()),
         'gap_called_anisotropic_at_1_percent': float((p[:, 1] < 0.01).mean()),
-        'ellipse_refused_at_1_percent': float((np.array(ellipse) < 0.01).mean()),
     }
 
 

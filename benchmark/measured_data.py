@@ -285,9 +285,7 @@ def false_alarms(count: int, form: str, seed: int) -> int:
         simulated = []
         for each in records:
             path = RecordPath(each)
-            sign = {'none': np.zeros_like(path.driver), 'sign': path.sign_as_given(), 'gap': path.last_sign(8.0, 0.0)}[
-                form
-            ]
+            sign = {'none': np.zeros_like(path.driver), 'sign': path.sign(None), 'gap': path.last_sign(8.0, 0.0)}[form]
             exact = compliance * each.load + half_gap * sign
             noise = random.normal(0.0, each.response[each.rest].std(ddof=1), len(each))
             simulated.append(Record(each.source, each.time, each.load, exact + noise))

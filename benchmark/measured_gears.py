@@ -122,7 +122,7 @@ def simulate(seed: int, law: str) -> tuple[Record, dict[str, float]]:
               'friction': random.uniform(1.5, 4.5), 'friction_ratio': random.uniform(0.15, 0.5),
               'rounding': random.uniform(0.3, 3.0), 'state': random.uniform(-1.0, 1.0)}  # fmt: skip
     amplitudes = np.array([values['compliance'], values['half_gap']])
-    exact = np.column_stack([path.driver, path.sign_as_given()]) if law == BEFORE else LAWS[law].basis(path, values)
+    exact = np.column_stack([path.driver, path.sign(None)]) if law == BEFORE else LAWS[law].basis(path, values)
     noise = random.normal(0.0, record.noise(record.response), len(record))
     return replace(record, source=f'{seed}: {values}', response=exact @ amplitudes + noise), values
 

@@ -12,8 +12,8 @@ The first line of a table names its columns with their units:
   part                            gripper, joint1 or joint2
   lever_m                         of the force about the joint
   gauge_at                        where the dial gauge measures: tip or link
-  time_s                          without cycle and direction: a continuous record of loops,
-                                  which is examined as by the verb hysteresis
+
+Continuous records of loops are for the verb hysteresis.
 
 Example:
   scara-kinetostatic dial-gauge gripper.csv --out result
@@ -42,8 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--direction', 'DEG', real(), 'direction of the positive force', nan),
         ('--gauge-at', '', ('tip', 'link'), 'place of the dial gauge (default: link for a joint)', {'default': ''}),
     )
-    band = 'loads up to this share of the largest are taken for zero (default: 0.02)'
-    add_options(parser, ('--zero-band', 'SHARE', real(0), band, {'default': 0.02}))
 
 
 def run(args: argparse.Namespace) -> None:
@@ -51,20 +49,20 @@ def run(args: argparse.Namespace) -> None:
 
     Raises:
         InputError: a table or an option is wrong, or DIR cannot be written.
-        UnsupportedDataError: there is no reversal, or there are too few rows or loops.
+        UnsupportedDataError: there is no reversal, or there are too few rows.
     """
     from scara_kinetostatic.files.atomic import check_different
-    from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
-    from scara_kinetostatic.studies.loops.record import load_readings
+    from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs, load_readings
     from scara_kinetostatic.studies.loops.report import dial_gauge_document, dial_gauge_report
 
-    if args.zero_band >= 1:
-        raise InputError('--zero-band', f'expected a share below 1, got {args.zero_band:g}')
     if args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'
         raise InputError('--lever', f'expected at most 5 m, got {args.lever:g}', remedy)
     check_different(args.tables)
     usual = {'part': args.part, 'lever': args.lever, 'gauge_at': args.gauge_at}
     usual['direction'] = math.radians(args.direction)
-    analysis = analyse_tables([load_readings(path, **usual) for path in args.tables], args.zero_band)
+    tables = [load_readings(path, **usual) for path in args.tables]
+    analysis = analyse_runs([run for table in tables for run in table.runs])
+    notes = tuple(note for table in tables for note in table.notes)
+    analysis = analysis._replace(warnings=notes + analysis.warnings)
     print_report(args, 'dial_gauge', dial_gauge_report(analysis), dial_gauge_document(analysis))

@@ -1,10 +1,9 @@
 """Reproduce the studies of the paper.
 
 Reproduces the studies of the paper: its algorithm on the cell of figure 3, table
-2 without and with noise, the noise of its third column, the scatter of both
-estimators over many data sets, identifiability with one force level, the
-general gripper of (7), and the dial gauge experiments of section 5.2. Writes
-into DIR
+2 without and with noise, identifiability with one force level, the scatter of
+both estimators over many data sets, and the dial gauge experiments of section
+5.2. Writes into DIR
 
   paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
         write_texts(args.out, texts)
     exact, study = found.exact.paper, found.monte_carlo
     print(f'figure 3   e_f {exact.force_error:.1e} N after {exact.iterations} iterations (paper: 4.5e-5 N)')
-    print(f'table 2    rank {found.rank} of 12 with one force level, only 40 p_ee - g_ee is determined')
+    print(f'table 2    rank {exact.rank} of 12 with one force level, only 40 p_ee - g_ee is determined')
     print(f'noise      e_f {study["paper"].force_error:.2f} N over {args.runs} data sets (paper: 1.25 to 1.35 N)')
     for name, item in (('unweighted', study['paper']), ('weighted', study['weighted'])):
         ratio = item.found / item.predicted

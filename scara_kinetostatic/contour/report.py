@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from scara_kinetostatic.contour.fits import Deviation, ShapeFit
 from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.report import Figure, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import FIT_UNITS, count, micrometres, shown
@@ -39,7 +39,7 @@ def contour_report(
     seen += f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
     of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
     of_which += 'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
-    figures = Figure(partial(outline_picture, contour), seen), Figure(partial(uncertainty_picture, contour), of_which)
+    figures = Figure(partial(outline_picture, contour), seen), Note(of_which)
     return Report(
         title='Contour of an object by touch',
         answer=Verdict(headline, 'caution' if contour.warnings else 'good', sentences),
@@ -153,20 +153,3 @@ def outline_picture(contour: Contour) -> Markup:
     )  # fmt: skip
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', adjustable='datalim')
     return as_svg(figure, 'outline', 'the outline from above with the forces on it')
-
-
-def uncertainty_picture(contour: Contour) -> Markup:
-    """Standard uncertainty along the normal, along the path; curves are broken between two passes."""
-    figure, (axes,) = new_figure(_WIDTH, 240, margins=Margins())
-    step = np.hypot(*np.diff(contour.surface, axis=0).T) * (np.diff(contour.passes) == 0)
-    drawn = np.linspace(0, len(contour) - 1, min(1500, len(contour))).astype(np.intp)
-    along, breaks = np.append(0.0, np.cumsum(step))[drawn], np.flatnonzero(np.diff(contour.passes[drawn])) + 1
-    combined = contour.std_normal, SERIES[0], 'combined'
-    systematic = contour.std_systematic, SERIES[2], 'calibration and tip alone'
-    for std, colour, label in (combined, systematic):
-        x, y = (np.insert(values, breaks, np.nan) for values in (_MILLI * along, _MICRO * std[drawn]))
-        axes.plot(x, y, color=colour, lw=1.2, label=label)
-    axes.set_ylim(bottom=0)
-    axes.set(xlabel='distance along the slide  [mm]', ylabel='std. uncertainty  [µm]')
-    axes.legend(loc='best', frameon=False, ncols=2)
-    return as_svg(figure, 'uncertainty', 'uncertainty along the slide')

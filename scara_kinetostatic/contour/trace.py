@@ -26,7 +26,6 @@ the free motion right before it, where there is one. The force is taken to the s
 from __future__ import annotations
 
 from dataclasses import replace
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -309,51 +308,27 @@ class _LocalFit(NamedTuple):
 
 
 def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
-    """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
-    rows, size = np.arange(len(places)), max(2 * half + 1, 512)  # worked out together at so many places
-    parts = [_fit_part(clock, places, rows[first : first + size], half) for first in range(0, len(places), size)]
-    return _LocalFit(*map(np.concatenate, zip(*parts, strict=True)))
+    """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends.
 
-
-def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _LocalFit:
-    """The fits at neighbouring rows: x ≈ a₀ + a₁ v + a₂ v², v the time from the row, by Σ vᵏ and Σ x vᵏ.
-
-    The sums over windows are differences of cumulative sums; these are over few windows, about their middle, so that
-    little is lost by rounding.
+    x ≈ a₀ + a₁ v + a₂ v², v the time from the row over the length of the window.
     """
-    width = 2 * half + 1
-    start = np.clip(rows - half, 0, len(places) - width)
-    begin, end = int(start[0]), int(start[-1]) + width
-    middle, center = int(rows[len(rows) // 2]), places[rows]
-    scale = max(float(clock[end - 1] - clock[begin]) * width / (end - begin), 1e-9)
-    u = (clock[begin:end] - clock[middle]) / scale
-    powers = u[:, None] ** np.arange(5)
-    offset = places[begin:end] - places[middle]
-    moments = _window_sums(powers, start - begin, width)
-    products = _window_sums((offset[:, None, :] * powers[:, :3, None]).reshape(-1, 6), start - begin, width)
-    k = np.arange(5)  # (5, 5) matrices that turn Σ uᵏ into Σ (u - o)ᵏ for the origins o of the rows
-    power, binomial = np.subtract.outer(k, k), np.array([[comb(i, j) for j in k] for i in k])
-    shift = np.where(power >= 0, binomial * (-u[rows - begin, None, None]) ** np.maximum(power, 0), 0.0)
-    of_time = np.einsum('nij,nj->ni', shift, moments)
-    of_place = np.einsum('nij,njc->nic', shift[:, :3, :3], products.reshape(-1, 3, 2))
-    of_place -= of_time[:, :3, None] * (center - places[middle])[:, None, :]
-    normal = of_time[:, np.add.outer(np.arange(3), np.arange(3))] + 1e-12 * np.eye(3)
-    inverse = np.linalg.inv(normal)
-    value = inverse @ of_place
-    slope = value[:, 1]
-    speed = np.maximum(np.hypot(*slope.T), 1e-12)
-    across = quarter_turn(slope) / speed[:, None]
-    leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
-    residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
-    angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
-    curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
-    return _LocalFit(angle, slope_std, curvature, 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2, residual)
-
-
-def _window_sums(values: Floats, start: Indices, width: int) -> Floats:
-    """Sums of values (m, k) over windows that begin at rows `start`, (n,): (n, k)."""
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    return np.asarray(sums[start + width] - sums[start])
+    count, width, parts = len(places), 2 * half + 1, []
+    for rows in np.array_split(np.arange(count), count // 512 + 1):  # worked out together
+        window = np.clip(rows - half, 0, count - width)[:, None] + np.arange(width)
+        v = clock[window] - clock[rows, None]
+        v /= np.maximum(v[:, -1:] - v[:, :1], 1e-9)
+        powers, offset = np.stack([np.ones_like(v), v, v * v], axis=1), places[window] - places[rows][:, None]
+        inverse = np.linalg.inv(powers @ powers.swapaxes(1, 2) + 1e-12 * np.eye(3))
+        value = inverse @ (powers @ offset)
+        slope = value[:, 1]
+        speed = np.maximum(np.hypot(*slope.T), 1e-12)
+        across = quarter_turn(slope) / speed[:, None]
+        leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
+        residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
+        angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
+        curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
+        parts.append((angle, slope_std, curvature, 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2, residual))
+    return _LocalFit(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:

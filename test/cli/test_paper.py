@@ -15,8 +15,6 @@ def test_writes_the_page_and_the_numbers(tmp_path, capsys):
     assert numbers['one_level']['paper_algorithm']['force_error'] < 1e-9
     assert numbers['one_level']['weighted']['confounded'] == [['p_ee', 'g_ee']]
     assert numbers['monte_carlo']['weighted']['runs'] == 2
-    assert min(study['chi_square'] for study in numbers['noise_of_table_2']) > 100
-    assert numbers['gripper'][0]['std'] is None  # p22 - p11, an exact alias
     page = (tmp_path / 'out' / 'paper.html').read_text()
     assert page.count('<svg') >= 9
     assert 'http' not in page.replace('http://www.w3.org', '')

@@ -31,21 +31,14 @@ def contour():
     return traced((0, 1.05))
 
 
-def test_circle(contour):
-    fit = fit_shape(contour, arm(), 'circle')
+def test_circle_and_a_shape_that_does_not_fit(contour):
+    fit, line = (fit_shape(contour, arm(), shape) for shape in ('circle', 'line'))
     for name, true in (('center_x', 0.2), ('center_y', 0.3), ('radius', 0.06)):
         assert abs(fit.value(name).value - true) < 4 * fit.value(name).std < 4e-5
-    assert fit.rms < 1e-5
-    assert len(fit.residual) == len(contour)
-
-
-def test_a_shape_that_does_not_fit_is_said(contour):
-    assert fit_shape(contour, arm(), 'circle').fits
-    line = fit_shape(contour, arm(), 'line')
-    assert not line.fits
-    assert line.misfit > 1000
+    assert fit.fits and fit.rms < 1e-5 and len(fit.residual) == len(contour)
+    assert not line.fits and line.misfit > 1000
     assert 'Remark: the outline is no line' in as_text(contour_report(contour, [line], [], ''))
-    assert 'Remark' not in as_text(contour_report(contour, [fit_shape(contour, arm(), 'circle')], [], ''))
+    assert 'Remark' not in as_text(contour_report(contour, [fit], [], ''))
 
 
 def test_arc_and_line():
@@ -78,18 +71,17 @@ def test_noise_that_does_not_change_along_the_slide_is_covered(variation_time):
     assert 0.5 < rms(np.array(deviations)) < 1.5
 
 
-def test_ends_of_an_arc_in_several_passes(contour):
+def test_ends_of_an_arc_are_those_of_the_slide_and_have_no_uncertainty(contour):
     fit = fit_shape(traced((0.05, 0.85), (0.85, 0.05), (0.5, 0.85)), arm(), 'arc')
     begin, end = fit.value('begin').value, fit.value('end').value
     assert (begin, end) == pytest.approx((0.05 * 2 * np.pi, 0.85 * 2 * np.pi), abs=0.03)
     whole = fit_shape(contour, arm(), 'arc')
     assert whole.value('end').value - whole.value('begin').value == pytest.approx(2 * np.pi, abs=0.03)
+    assert np.isnan(whole.value('end').std)
 
 
-def test_what_the_slide_or_nothing_decides_has_no_uncertainty(contour):
-    assert np.isnan(fit_shape(contour, arm(), 'arc').value('end').std)
-    open_arm = replace(arm(), undetermined=np.eye(12)[:, :1] * 1e-3)
-    fit = fit_shape(contour, open_arm, 'circle')
+def test_what_the_calibration_does_not_determine_has_no_uncertainty(contour):
+    fit = fit_shape(contour, replace(arm(), undetermined=np.eye(12)[:, :1] * 1e-3), 'circle')
     assert np.isnan(fit.value('center_x').std)
     assert np.isfinite(fit.value('radius').std)
 
@@ -189,6 +181,10 @@ def square():
 
 def test_a_rounded_square(square):
     fits = fit_pieces(square, arm())
+    assert np.sum([fit.points for fit in fits], axis=0).max() == 1
+    sections = fit_sections(fits)
+    assert [section.title for section in sections] == ['Outline 1: line', 'Outline 1: arc']
+    assert [row[0] for row in sections[0].blocks[0].rows] == ['piece 1', 'piece 3', 'piece 5', 'piece 7']
     assert [fit.shape for fit in fits] == ['line', 'arc'] * 4
     assert [fit.piece for fit in fits] == list(range(8))
     for fit in fits:
@@ -209,14 +205,6 @@ def test_a_rounded_square(square):
             item = arc.value(name)
             assert abs(abs(item.value - middle) - 0.04) < 3 * item.std
         assert arc.value('end').value - arc.value('begin').value == pytest.approx(np.pi / 2, abs=0.2)
-
-
-def test_points_belong_to_one_piece_at_most(square):
-    fits = fit_pieces(square, arm())
-    assert np.sum([fit.points for fit in fits], axis=0).max() == 1
-    lines, arcs = fit_sections(fits)
-    assert (lines.title, arcs.title) == ('Outline 1: line', 'Outline 1: arc')
-    assert [row[0] for row in lines.blocks[0].rows] == ['piece 1', 'piece 3', 'piece 5', 'piece 7']
 
 
 def test_one_shape_alone():

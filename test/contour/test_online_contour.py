@@ -15,7 +15,7 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
+from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -123,12 +123,6 @@ def test_a_tare_in_contact_is_corrected_and_said() -> None:
     assert not online.problem
 
 
-def test_a_light_slide_under_a_noisy_sensor() -> None:
-    (joined,) = fed(slides((0, 0.6), force=3, sensors=SensorModel(force_noise=1.0))).outlines
-    check(joined, 0.6, 1.0, 0.02)
-    assert rms(normal_error(DISC, joined.points) / joined.std) < 1.3
-
-
 def test_messages_that_are_late_until_they_end() -> None:
     """The computer hesitates, for both topics alike; stamps of one clock are traced at once."""
     rows, online, rng = samples(slides((0.0, 0.6))), OnlineContour(arm()), np.random.default_rng(0)
@@ -147,12 +141,6 @@ def test_a_start_in_contact_is_said() -> None:
     online = fed(since(streams, int(streams.joints.stamp[0]) + 4 * 10**9))
     assert 'the zero of the force was wrong by 14.7 N' in online.problem
     np.testing.assert_allclose(online.zero, fed(streams).zero, atol=0.1)
-
-
-def test_the_outline_is_complete_however_late_it_is_traced() -> None:
-    (joined,) = fed(slides((0.0, 1.05)), 100.0).outlines
-    assert joined.closed
-    check(joined, 1.0, 2e-5, 2e-3)
 
 
 def test_a_long_rest_in_contact_is_said_and_begins_a_new_outline() -> None:

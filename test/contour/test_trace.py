@@ -11,7 +11,7 @@ from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm, rested, since, slid
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.fits import fit_shape
-from scara_kinetostatic.contour.trace import Course, _across, trace_contour
+from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
@@ -113,10 +113,7 @@ def test_an_inner_corner_hardly_wider_than_the_tip_is_said():
     corner = polygon([[0.10, 0.36], [0.18, 0.36], [0.18, 0.28]], 0.0051, closed=False)
     contour = traced((0, 1), outline=corner, speed=0.03)
     (warning,) = contour.warnings
-    said = (
-        'an inner corner is hardly wider than the tip: there the outline has the radius of the tip, the object may be'
-    )
-    assert warning == f'{said} sharper'
+    assert 'an inner corner is hardly wider than the tip' in warning
     assert np.all(np.hypot(*(contour.surface[contour.inner_corner] - (0.18, 0.36)).T) < 8e-3)
     assert np.all(np.abs(normal_error(corner, contour.surface)) < 4 * contour.std_normal)
 
@@ -243,13 +240,3 @@ def test_what_is_no_slide_is_refused():
     ):
         with pytest.raises(UnsupportedDataError, match=message):
             trace_contour(bad, arm())
-
-
-@pytest.mark.parametrize(('bad', 'kept'), [(0, 100), (10, 90), (20, 50)])
-def test_a_pass_whose_forces_are_not_across_its_motion_is_left_out(bad, kept):
-    """Two passes of 50 points; at some of the second the force is along the motion."""
-    normal, flat = np.tile([0.0, 1.0], (100, 1)), np.zeros(100)
-    course = Course(normal, np.tile([1.0, 0.0], (100, 1)), flat, flat, flat, flat, flat.astype(bool))
-    force = -10.0 * normal
-    force[50 : 50 + bad] = [10.0, 0.0]
-    assert _across(course, force, np.repeat([0, 1], 50), 'here').sum() == kept

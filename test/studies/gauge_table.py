@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from scara_kinetostatic.files.columns import csv_lines
-from scara_kinetostatic.studies.loops.record import Readings
+from scara_kinetostatic.studies.loops.dial_gauge import Readings
 
 
 def dump_readings(runs: Iterable[Readings]) -> str:
@@ -29,12 +29,8 @@ def dump_readings(runs: Iterable[Readings]) -> str:
     return csv_lines(columns)
 
 
-def loops(
-    heading: str = 'time_s,displacement_m,force_N', slip: float = 6e3, moved: float = 1.0, stiffer: float = 1.0
-) -> str:
-    """Loops of a joint with a gap of 4 mm that slips at a load, as a table; `moved`: of its units, per metre;
-    `stiffer`: how many times as stiff it is under a negative load.
-    """
+def loops(heading: str = 'time_s,displacement_m,force_N', slip: float = 6e3) -> str:
+    """Loops of a joint with a gap of 4 mm that slips at a load, as a table."""
     time = np.arange(0, 8, 1 / 50)
     places = 0.02 * np.minimum(0.4 + time / 6, 1) * np.sin(np.pi * time)
     force, anchor = [], 0.0
@@ -42,7 +38,6 @@ def loops(
         anchor = min(max(anchor, x - 2e-3 - 1e-6 * slip), x + 2e-3 + 1e-6 * slip)
         stretch = x - anchor
         force.append(np.sign(stretch) * max(abs(stretch) - 2e-3, 0) / 1e-6)
-    force = np.where(np.array(force) < 0, stiffer, 1.0) * force
-    noisy = force + 20 * np.random.default_rng(0).standard_normal(len(force))
-    rows = [f'{t:.4f},{moved * x:.9f},{f:.3f}' for t, x, f in zip(time, places, noisy, strict=True)]
+    noisy = np.array(force) + 20 * np.random.default_rng(0).standard_normal(len(force))
+    rows = [f'{t:.4f},{x:.9f},{f:.3f}' for t, x, f in zip(time, places, noisy, strict=True)]
     return '\n'.join([heading, *rows]) + '\n'

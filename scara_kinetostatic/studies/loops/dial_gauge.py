@@ -1,4 +1,4 @@
-"""Compliance and backlash from tables of gauge readings, loads point by point; continuous loops go to `selection`.
+"""Compliance and backlash from tables of gauge readings, loads point by point; continuous loops are for `hysteresis`.
 
 **Fit of a run.** A pass is one sense of load in one cycle: loads applied, then removed. The model of a run is
 
@@ -37,28 +37,151 @@ along the same direction in the same experiment, its displacement is subtracted,
 rad for g1 and g2, near the gaps 2.64e-4 and 2.68e-4; the paper calls its values "reasonable but arbitrary".) Both are
 reported.
 
-**Over the direction.** The compliance along u of the general gripper (7) is uᵀPu; the gap of an elliptical dead zone is
-√(uᵀWu). Both are even functions of the direction with two orthogonal principal axes,
-
-    q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the square of the gap.
-
-A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
-
-**Loops** are examined as by `hysteresis`: see `selection`.
+**Over the direction.** Compliance and gap of a gripper along several directions are tested for isotropy. A gauge along
+u measures uᵀPu alone, of the general gripper (7).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, GaugeTable, Readings, what_drives
-from scara_kinetostatic.studies.loops.selection import Estimate, Selection, analyse
+from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
+from scara_kinetostatic.files import columns
+from scara_kinetostatic.files.columns import Column, Table, load_table, one_of
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.studies.loops.record import LEVEL
+from scara_kinetostatic.studies.loops.selection import Estimate
+
+GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
+PARTS = (GRIPPER, JOINT1, JOINT2)
+"""The loaded part: the gripper with both joints locked, or one joint with the other locked."""
+TIP, LINK = 'tip', 'link'
+"""Where the dial gauge touches: the end-effector, or the end of link 2, where the gripper does not contribute."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows of one run, in the order in which they were taken: one part, one place of the gauge, one direction.
+
+    Attributes:
+        force: load along the direction, of either sign, (n,), N.
+        displacement: of the point that the gauge touches, positive along the positive force, (n,), m.
+        cycle: number of the load cycle, (n,); NaN where none is given.
+        line: of the file, (n,), from 1.
+        part: one of `PARTS`.
+        gauge_at: `TIP` or `LINK`; if empty the `TIP` for a gripper, the `LINK` for a joint.
+        direction: of the positive load, rad; NaN if none is given.
+        lever: arm of the load about the joint, m; NaN for the gripper.
+        source: name of the file.
+    """
+
+    force: Floats
+    displacement: Floats
+    cycle: Floats = field(default_factory=lambda: np.array(math.nan))
+    line: Indices = field(default_factory=lambda: np.array(0))
+    part: str = GRIPPER
+    gauge_at: str = ''
+    direction: float = math.nan
+    lever: float = math.nan
+    source: str = 'readings'
+
+    def __post_init__(self) -> None:
+        for name in ('force', 'displacement', 'cycle', 'line'):
+            array = np.array(np.broadcast_to(getattr(self, name), np.shape(self.force)))
+            object.__setattr__(self, name, read_only(array))
+        if not self.gauge_at:
+            object.__setattr__(self, 'gauge_at', TIP if self.part == GRIPPER else LINK)
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @property
+    def name(self) -> str:
+        """What was loaded, for messages."""
+        part = self.part.replace('joint', 'joint ')
+        return part if math.isnan(self.direction) else f'{part} at {math.degrees(self.direction):g}°'
+
+
+class GaugeTable(NamedTuple):
+    """What a table holds: its runs in the order in which they begin; remarks."""
+
+    runs: tuple[Readings, ...]
+    notes: tuple[str, ...] = ()
+
+
+COLUMNS = (
+    Column('force', ('force', 'load', 'f'), columns.FORCE, True, largest=1e6),
+    Column('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), columns.LENGTH, True, largest=0.5),
+    Column(
+        'direction', ('direction', 'angle'), columns.ANGLE, blank=True,
+        largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
+    ),
+    Column('lever', ('lever', 'arm'), columns.LENGTH, blank=True, largest=10.0, positive=True),
+    Column('time', ('time', 't'), columns.TIME, blank=True, largest=1e12),
+    Column('cycle', ('cycle',), blank=True, largest=1e6),
+    Column(
+        'part', ('part', 'joint'), blank=True,
+        parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
+    ),
+    Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
+)  # fmt: skip
+
+
+def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
+    """Reads a table of readings.
+
+    Args:
+        path: the file.
+        defaults: by name of an optional column, the value where it is missing, or a cell of it is empty; SI.
+
+    Raises:
+        ParameterError: the rows of a joint have no lever.
+        RecordingError: the file cannot be read, a column or a row of it is wrong, or it is a continuous record.
+    """
+    return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
+
+
+def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
+    """The readings in a table; see `load_readings`."""
+    places = table.find(COLUMNS)
+    values = table.read(places)
+    cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
+    absent = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
+    for name, default in (absent | defaults).items():
+        given = cells.get(name, [None] * len(table.rows))
+        cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
+    notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
+    if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
+        problem = 'a continuous record: it has a time and neither cycle nor direction'
+        raise RecordingError(table.source, problem, 'give it to the verb hysteresis, or leave the time out')
+    cells['line'] = [line for line, _ in table.rows]
+    runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for values_of_row in zip(*cells.values(), strict=True):
+        row = dict(zip(cells, values_of_row, strict=True))
+        if row['part'] == GRIPPER:
+            row['lever'] = math.nan
+        elif math.isnan(row['lever']):
+            where, remedy = f'{table.source}: line {row["line"]}', 'add a column lever_m, or give --lever'
+            raise ParameterError(where, 'a joint needs its lever', remedy)
+        own = row['part'], row['gauge_at'], str(round(row['direction'], 6)), str(round(row['lever'], 9))
+        runs.setdefault(own, []).append(row)
+    return GaugeTable(tuple(_readings(table.source, rows) for rows in runs.values()), notes)
+
+
+def _readings(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
+    """One run, from its rows."""
+    arrays: dict[str, Any] = {
+        name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')
+    }
+    of_run = {name: rows[0][name] for name in ('part', 'gauge_at', 'direction', 'lever')}
+    return Readings(**arrays, **of_run, source=source)
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
@@ -123,33 +246,23 @@ class CombinedEstimate(NamedTuple):
     """Weighted mean of several estimates of one quantity, and a test of their consistency.
 
     Attributes:
-        value: weighted mean.
-        std: of the mean; where the estimates are inconsistent the variance between them is included.
+        estimate: weighted mean; where the estimates are inconsistent its std includes the variance between them.
         chi_square: of the estimates about their mean.
         degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
-        between_std: standard deviation between the estimates beyond their own (DerSimonian and Laird, 1986).
-        unit: of value and standard deviations.
     """
 
-    value: float
-    std: float
+    estimate: Estimate
     chi_square: float
     degrees_of_freedom: int
     p_value: float
-    between_std: float
-    unit: str
-
-    @property
-    def estimate(self) -> Estimate:
-        """The mean with its standard deviation."""
-        return Estimate(self.value, self.std, self.unit)
 
 
 def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEstimate:
     """Weighted mean and test of consistency of several estimates, that of Welch (1951).
 
-    Estimates are inconsistent below a p-value of 1 %; then the variance between them is added to their own.
+    Estimates are inconsistent below a p-value of 1 %; then the variance between them (DerSimonian and Laird, 1986) is
+    added to their own.
 
     Args:
         estimates: n of 2 or more.
@@ -167,8 +280,8 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEst
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
-    mean_std, unit = float(1 / np.sqrt(weight.sum())), estimates[0].unit
-    return CombinedEstimate(centre, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)), unit)
+    found = Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit)
+    return CombinedEstimate(found, chi_square, count - 1, p_value)
 
 
 ZERO_BAND = 0.02
@@ -225,19 +338,18 @@ class RunFit(NamedTuple):
     row_p: Floats
 
 
-def find_passes(readings: Readings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
+def find_passes(readings: Readings) -> tuple[Indices, Floats, Floats]:
     """The pass to which each row belongs.
 
     Args:
         readings: one run, in order.
-        zero_band: share of the largest load up to which a load counts as none.
 
     Returns:
         Pass of each row, (n,), -1 where there is no load; cycle (k,) and sense (k,) of each pass. Without
         a column of cycles a pass ends where the sense changes, and two passes make a cycle.
     """
     force = readings.force
-    loaded = np.flatnonzero(np.abs(force) > zero_band * np.abs(force).max(initial=0.0))
+    loaded = np.flatnonzero(np.abs(force) > ZERO_BAND * np.abs(force).max(initial=0.0))
     sense, cycle = np.sign(force[loaded]), readings.cycle[loaded]
     if np.any(np.isnan(cycle)):
         cycle = np.cumsum(np.diff(sense, prepend=sense[:1]) != 0) // 2
@@ -247,17 +359,16 @@ def find_passes(readings: Readings, zero_band: float = ZERO_BAND) -> tuple[Indic
     return passes, keys[:, 0], -keys[:, 1]
 
 
-def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
+def fit_run(readings: Readings) -> RunFit:
     """Slopes and gap of one run.
 
     Args:
         readings: rows of one run, in order.
-        zero_band: share of the largest load up to which a load counts as none.
 
     Raises:
         UnsupportedDataError: loads in one sense only, too few rows, or one load only; the run is named.
     """
-    passes, cycle, sense = find_passes(readings, zero_band)
+    passes, cycle, sense = find_passes(readings)
     used, count = passes >= 0, len(sense)
     complete = [number for number in np.unique(cycle) if np.count_nonzero(cycle == number) == 2]
     where = f'{readings.source}: {readings.name}'
@@ -399,26 +510,6 @@ class Run(NamedTuple):
     note: str
 
 
-class Ellipse(NamedTuple):
-    """Principal values over the direction.
-
-    Attributes:
-        major: the largest.
-        minor: the smallest.
-        axis: direction of the largest, rad, in [0, π); its std is infinite where both are equal.
-        chi_square: of the values about the ellipse.
-        degrees_of_freedom: number of values less three.
-        p_value: of the ellipse as a sufficient description; NaN without degrees of freedom.
-    """
-
-    major: Estimate
-    minor: Estimate
-    axis: Estimate
-    chi_square: float
-    degrees_of_freedom: int
-    p_value: float
-
-
 class Part(NamedTuple):
     """Result of one part, from all its runs.
 
@@ -428,7 +519,7 @@ class Part(NamedTuple):
         compliance: m/N or rad/Nm; mean over the directions as in the paper, else weighted.
         gap: m or rad; likewise.
         combined: compliance and gap of two runs or more, by name; over the directions its test is that of isotropy.
-        ellipses: of a gripper with two directions or more, by name; None where there is none. Of other parts empty.
+        over_direction: whether it is a gripper along two directions or more.
     """
 
     name: str
@@ -436,48 +527,23 @@ class Part(NamedTuple):
     compliance: Estimate
     gap: Estimate
     combined: dict[str, CombinedEstimate]
-    ellipses: dict[str, Ellipse | None]
+    over_direction: bool = False
 
 
 class DialGaugeAnalysis(NamedTuple):
-    """Result of all tables.
-
-    Attributes:
-        parts: with loads point by point, by name, in the order of `PARTS`.
-        loops: selections of the continuous records; see `selection.analyse`.
-        warnings: one sentence each.
-        sources: names of the files, those of `parts` first.
-    """
+    """Every part in the runs, by name, in the order of `PARTS`; warnings, one sentence each."""
 
     parts: dict[str, Part]
-    loops: tuple[Selection, ...]
     warnings: tuple[str, ...]
-    sources: tuple[str, ...]
 
 
-def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
-    """Compliance and backlash from tables, loads point by point or loops.
-
-    Args:
-        tables: each from one file.
-        zero_band: share of the largest load of a run up to which a load counts as none.
+def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
+    """Compliance and backlash from runs.
 
     Raises:
-        RecordingError: see `selection.analyse`.
-        UnsupportedDataError: a run has no reversal, too few rows, or a record no loops; it is named.
+        UnsupportedDataError: a run has no reversal, or too few rows; it is named.
     """
-    readings = [run for table in tables for run in table.runs]
-    parts, of_runs = analyse_runs(readings, zero_band) if readings else ({}, [])
-    records = [table.record for table in tables if table.record]
-    loops = analyse(records, what_drives(records)) if records else ()
-    warnings = [note for table in tables for note in table.notes] + of_runs
-    sources = [run.source for run in readings] + [record.source for record in records]
-    return DialGaugeAnalysis(parts, loops, tuple(warnings), tuple(dict.fromkeys(sources)))
-
-
-def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
-    """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
-    fits = [(each, fit_run(each, zero_band)) for each in readings]
+    fits = [(each, fit_run(each)) for each in readings]
     level = LEVEL / sum(len(fit.checks) + 2 for _, fit in fits)
     grippers = [(each, fit) for each, fit in fits if each.part == GRIPPER]
     runs = [_run(each, fit, grippers, level) for each, fit in fits]
@@ -485,13 +551,10 @@ def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> 
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
     for part in parts.values():
-        inconsistent = {} if part.ellipses else {k: each.p_value for k, each in part.combined.items()}
-        warnings += [
-            f'{part.name}: the runs are inconsistent in {what} (p = {p_value:.2g})'
-            for what, p_value in inconsistent.items()
-            if p_value < level
-        ]
-    return parts, warnings
+        for what, each in part.combined.items():
+            if each.p_value < level and not part.over_direction:
+                warnings.append(f'{part.name}: the runs are inconsistent in {what} (p = {each.p_value:.2g})')
+    return DialGaugeAnalysis(parts, tuple(warnings))
 
 
 def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
@@ -519,55 +582,14 @@ def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, Run
 def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     """A part from its runs: over the directions the mean, otherwise the weighted mean."""
     if len(runs) == 1:
-        return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
+        return Part(name, runs, runs[0].compliance, runs[0].gap, {})
     several = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
     dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
     combined = {what: combine_estimates(each, dof) for what, each in several.items()}
     direction = np.array([run.readings.direction for run in runs])
     if name != GRIPPER or np.any(np.isnan(direction)) or len(np.unique(direction)) < 2:
-        return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, combined, {})
-    ellipses = {what: fit_ellipse(direction, each, dof, POWERS[what]) for what, each in several.items()}
-    return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, ellipses)
-
-
-POWERS = {'compliance': 1, 'gap': 2}
-"""Of the quantity that has an ellipse over the direction."""
-
-
-def fit_ellipse(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> Ellipse | None:
-    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ.
-
-    Args:
-        direction: φ, rad, (n,), n of 2 or more.
-        estimates: n.
-        dof: degrees of freedom of each std, (n,).
-        power: that of an estimate which is q, 1 or 2.
-
-    Returns:
-        None for fewer than three axes, or where a gap or its smallest principal value is not significantly above 0.
-    """
-    value, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
-    axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
-    if axes < 3 or (power == 2 and np.any(value <= 4 * std)):
-        return None
-    q, weight = value**power, 1 / (power * value ** (power - 1) * std)
-    design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
-    fit = least_squares(design * weight[:, None], q * weight)._replace(sigma=1.0)  # the std are known
-    chi_square, left = float(fit.residual @ fit.residual), fit.dof
-    p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
-    centre, a, b = fit.beta.tolist()
-    radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))
-    if power == 2 and centre <= radius:
-        return None
-    cosine, sine = np.cos(turned), np.sin(turned)
-    ends, unit = [], estimates[0].unit
-    for sign in (1.0, -1.0):
-        square = fit.of(np.array([1.0, sign * cosine, sign * sine]), unit)
-        end = square.value ** (1 / power)
-        ends.append(Estimate(end, square.std / (power * end ** (power - 1)), unit))
-    across = fit.of(np.array([0.0, -sine, cosine]), 'rad').std
-    axis = Estimate(float(np.mod(turned / 2, np.pi)), across / (2 * radius) if radius > 0 else np.inf, 'rad')
-    return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
+        return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, combined)
+    return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, over_direction=True)
 
 
 _MEANING = {

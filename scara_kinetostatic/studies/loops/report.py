@@ -12,18 +12,14 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
-from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
+from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, block_means
 from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
-
-Curve = tuple[Floats, str, str]
-"""Values in the unit that is shown, colour, label."""
 
 
 def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
@@ -39,14 +35,13 @@ def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Jud
         'units': {'load': record.load_unit, 'response': record.unit('m')},
     }
     if study.driven_by == MOTION:
-        return {**head, 'records': [_motion_facts(each.study.paths[0]) | _content(each) for each in selections]}
+        return {**head, 'records': [_facts(each)[0] | _content(each) for each in selections]}
     others = []
     for each in predicted:
         errors = {'before': each.before_rms, 'after': each.after_rms, 'unit': record.unit('m')}
         begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.state}
         others.append({'file': each.path.record.source, **errors, **begins})
-    facts = [_load_facts(selections[0], k) for k in range(len(study.records))]
-    return {**head, **_content(selections[0]), 'records': facts, 'predicted': others}
+    return {**head, **_content(selections[0]), 'records': _facts(selections[0]), 'predicted': others}
 
 
 def _content(selection: Selection) -> Document:
@@ -59,7 +54,7 @@ def _content(selection: Selection) -> Document:
     candidates = []
     for each in laws:
         law = {'name': each.law.name, 'effect': each.law.effect, 'p_value': each.p_gain, 'bic_difference': each.bic}
-        found = {'accepted': each.accepted, **errors[each.law.name], 'parameters': each.parameters}
+        found = {'accepted': each.accepted, **errors[each.law.name], 'parameters': selection.stated(each)}
         candidates.append(law | found)
     both = {'before': errors[before.law.name], 'after': errors[selected.law.name] if selected else None}
     return {
@@ -78,57 +73,28 @@ def _content(selection: Selection) -> Document:
         'direction': study.direction,
         f'{driven}_error': {**both, 'unit': study.records[0].unit(unit)},
         'candidates': candidates,
-        'parameters': selection.stated,
+        'parameters': {each.law.name: selection.stated(each) for each in (before, selected) if each},
     }
 
 
-def _motion_facts(path: RecordPath) -> Document:
-    return {
-        'source': path.record.source,
-        'sweeps': path.sweeps,
-        'samples': len(path.time),
-        'force_range': float(np.ptp(path.driven)),
-        'travel': path.size,
-        'repeatability': repeatability(path),
-    }
+def _facts(selection: Selection) -> list[Document]:
+    """Of each record: its samples and errors, from which time on they count, its state of friction at the start."""
+    found = []
+    for each in selection.judged:
+        errors = {'before': each.before_rms, 'after': each.after_rms if selection.selected else None}
+        begins = {'judged_from': each.path.time[each.rows.argmax()], 'state': each.state}
+        found.append({'source': each.path.record.source, 'samples': len(each.path.time), 'error': errors, **begins})
+    return found
 
 
-def _load_facts(selection: Selection, number: int) -> Document:
-    study, record = selection.study, selection.study.records[number]
-    path, block, judged = study.paths[number], study.blocks[number], selection.judged[number]
-    moved, rests = block.driven - record.response[0] + record.response_change[0], record.is_at_rest_first
-    return {
-        'source': record.source,
-        'samples': len(record),
-        'loaded': record.time[record.rest][-1] if rests else None,
-        'judged_from': record.time[record.judged_from],
-        'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
-        'deflection': moved[int(np.abs(moved).argmax())],
-        'remaining': record.remaining if rests else None,
-        'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
-        'response_error': {'before': judged.before_rms, 'after': judged.after_rms if selection.selected else None},
-        'state': judged.state,
-    }
-
-
-def _words(selection: Selection) -> tuple[str, str, str]:
-    """How the error of what was held out is said, where standard deviations are from, what the errors are."""
+def _held_out(selection: Selection) -> str:
+    """How what was held out is predicted."""
     study = selection.study
     if study.driven_by == MOTION:
-        errors = (
-            'rms of the {load}, without the first sweep. Held out: each half of the sweeps predicted from the other'
-        )
-        return 'On sweeps not used in the fit, the error', 'delete-one-cycle jackknife', f'Errors: {errors}.'
+        return 'On sweeps not used in the fit'
     if study.is_single:
-        uncertainty = 'delete-one-sweep jackknife' if study.in_loops else 'one record gives none'
-        errors = 'rms of the {response} of the later half. Held out: predicted by a fit to the earlier half'
-        return 'The later half predicted from the earlier half, the error', uncertainty, f'Errors: {errors}.'
-    judged, mixed = 'after the first third' if study.in_loops else 'after unloading', ''
-    if study.in_loops and not all(path.in_loops for path in study.paths):
-        mixed = ' Of a record that begins at rest: after the unloading; tests are those of the loops.'
-    errors = f'Errors: rms of the {{response}} {judged}.{mixed} Held out: predicted with the parameters of the other '
-    errors += 'records; zero and state of friction from its own samples before.'
-    return f'Each record predicted from the others, the error {judged}', 'delete-one-record jackknife', errors
+        return 'The later half predicted from the earlier half'
+    return 'Each record predicted from the others, after its unloading or, in loops, its first third'
 
 
 def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
@@ -168,9 +134,9 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit, held_out = 100 * min(selection.detectable, 1.0), _words(selection)[0]
+    limit, held_out = 100 * min(selection.detectable, 1.0), _held_out(selection)
     share = f'That is {100 * selection.share_of_range:.2g} % of the range.'
-    errors = f'{held_out} of law (6) is {before} {error.unit} (rms). {share}'
+    errors = f'{held_out}, the error of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
         headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
@@ -196,13 +162,13 @@ def verdict(selection: Selection) -> Verdict:
         headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
-    errors = f'{held_out} falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
+    errors = f'{held_out}, the error falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
     rest = 'No further dependence of the residual was found'
     if not selection.is_complete:
         rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
     rest += f' ({p_equals(selection.p_after)}).'
     level = 'good' if selection.is_complete and not selection.rivals else 'caution'
-    return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
+    return Verdict(headline, level, (evidence, errors, rest))
 
 
 def _reservations(selection: Selection) -> list[str]:
@@ -218,19 +184,7 @@ def _reservations(selection: Selection) -> list[str]:
     total = sum(float(np.var(path.driven) * len(path.time)) for path in study.blocks)
     if selection.before.whole.square > 0.9 * total:
         sentences.append(record.words('The {response} hardly follows the {load}: do the columns belong to one joint?'))
-    elif study.is_single and not study.in_loops:
-        sentences.append('One record hardly tells slip from a gap; several records of the joint do.')
     return sentences
-
-
-def _repeats(selection: Selection) -> list[str]:
-    """How well the measured load repeats, which no law undercuts."""
-    study = selection.study
-    if study.driven_by != MOTION or not np.isfinite(limit := repeatability(study.paths[0])):
-        return []
-    ratio = rms(selection.final.along[0].residual[study.judged[0]]) / limit
-    repeats = study.records[0].words('Where the motion repeats, the {load} repeats to')
-    return [f'{repeats} {_number(limit)} {study.records[0].load_unit}; the residual is {ratio:.1f} times as large.']
 
 
 def _strongest(found: Sequence[Dependence], record: Record) -> str:
@@ -240,29 +194,23 @@ def _strongest(found: Sequence[Dependence], record: Record) -> str:
 
 def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     study, record = selection.study, selection.study.records[0]
-    _, uncertainty, errors = _words(selection)
-    note = f'Standard deviations: {uncertainty}.'
+    note = 'Standard deviations: jackknife over cycles, sweeps or records; none of one record from rest to rest.'
     if not selection.is_complete:
         note = 'No law is complete: this is no compliance and no gap of the joint, and has no standard deviation.'
     if study.driven_by != MOTION:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
     compared = Note(
-        'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
+        'Errors: rms. Held out: predicted by fits that have not seen what is judged; zero and state of friction are '
+        'from the samples before. p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), '
+        'which counts the parameters. '
         'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
         'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
     )
-    dependence = Note(
-        'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
-        'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is '
-        'not that at rest before it.'
-    )
-    judged, p_values = selection.judged, {each.variable: each.p_value_by_record for each in selection.dependence_before}
-    records = _record_table(selection, judged, p_values.get('memory', ()))
+    judged = selection.judged
     return (
-        Section('Records', (records, *_figures(selection, judged, name))),
-        Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
-        Section('What the residual depends on', (_dependence_table(selection), dependence)),
+        Section('Records', (_record_table(selection, judged), *_figures(selection, judged, name))),
+        Section('Laws compared', (_candidate_table(selection), compared)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
 
@@ -283,8 +231,8 @@ def _error_scale(selection: Selection) -> Scale:
     return _scale(selection.before.held_out_rms, unit)
 
 
-def _record_table(selection: Selection, judged: Sequence[Judged], memory: Sequence[float] = ()) -> Table:
-    """Each record: its load and response, the p-value of no memory, the errors when it is predicted."""
+def _record_table(selection: Selection, judged: Sequence[Judged]) -> Table:
+    """Each record: its load and response, the errors when it is predicted."""
     selected, error = selection.selected, _error_scale(selection)
     records = [each.path.record for each in judged]
     moved = _scale(max(float(np.ptp(record.response)) for record in records), records[0].unit('m'))
@@ -296,13 +244,9 @@ def _record_table(selection: Selection, judged: Sequence[Judged], memory: Sequen
     if not any(each.path.in_loops for each in judged):
         stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in records]
         columns.append(('stays', moved.unit, stays))
-    if memory:
-        columns.append(('p of no memory', '', [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory]))
     columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
         columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
-        if selected.law.has_state:
-            columns.append(('state at the start', '', [f'{each.state:+.2f}' for each in judged]))
     headings, units, cells = zip(*columns, strict=True)
     return Table(headings, units, tuple(zip(*cells, strict=True)))
 
@@ -323,25 +267,12 @@ def _candidate_table(selection: Selection) -> Table:
     return Table(headings, ('', '', error.unit, error.unit, '', '', ''), tuple(rows))
 
 
-def _dependence_table(selection: Selection) -> Table:
-    """What the residual of law (6) and that of the selected law depend on."""
-    record, rows = selection.study.records[0], []
-    after = {each.variable: each for each in selection.dependence_after}
-    for each in selection.dependence_before:
-        shown_ones = [each, after[each.variable]] if selection.selected else [each]
-        cells = [record.words(VARIABLES[each.variable])]
-        for one in shown_ones:
-            share = f'{100 * min(one.share, 1.0):.0f} %' if one.share > 0 else 'nothing'
-            cells += [share, chance(one.p_value)] if one.is_tested else [NOT_DETERMINED, NOT_DETERMINED]
-        rows.append(tuple(cells))
-    headings = ('residual over', 'before', 'p', 'after', 'p')[: len(rows[0])]
-    return Table(headings, ('',) * len(headings), tuple(rows))
-
-
 def _parameter_table(selection: Selection) -> Table:
     """Parameters of law (6) and of the selected law, or of the gap that it takes."""
     record = selection.study.records[0]
-    columns = dict(zip(('before', 'after'), selection.stated.values(), strict=False))
+    columns = {'before': selection.stated(selection.before)}
+    if selection.selected:
+        columns['after'] = selection.stated(selection.selected)
     if selection.needs_memory:
         columns['gap that keeps its place'] = selection.candidates[0].parameters  # it comes first
     rows = []
@@ -356,53 +287,35 @@ def _parameter_table(selection: Selection) -> Table:
 def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
     """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
     order = sorted(enumerate(judged), key=lambda numbered: -numbered[1].before_rms)
-    sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
-    more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
-    note = Note(
-        'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was '
-        'held out. Right: measured less predicted; what is shaded is judged.'
+    pictures = [
+        Figure(partial(_picture, selection, each, f'{name}_{k}'), title=each.path.record.name) for k, each in order
+    ]
+    note = (
+        'Before, after: error (rms) by law (6) and by the selected law. Measured, and predicted where it was held out.'
     )
-    return [note, *sections[:4], *[more][: len(sections[4:])]]
+    more = Section(f'{len(pictures) - 4} more', (Figures(tuple(pictures[4:])),), folded=True)
+    return [Figures(tuple(pictures[:4]), note), *[more][: len(pictures[4:])]]
 
 
-def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
-    """What is driven over what drives, measured and predicted; residuals over time, what is judged shaded."""
-    path, record, per_time = judged.path, judged.path.record, _error_scale(selection)
+def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
+    """What is driven over what drives, measured and predicted, at most 1000 points of each curve."""
+    path, record = judged.path, judged.path.record
     residuals = [(judged.before.residual, SERIES[1], 'law (6)')]
     residuals += [(judged.after.residual, SERIES[0], 'selected law')] if selection.selected else []
     driver, driven, measured = ('{load}', record.load_unit), ('{response}', record.unit('m')), record.response_change
     if path.driven_by == MOTION:
         driver, driven, measured = driven, driver, path.driven
     across, up = _scale(float(np.ptp(path.driver)), driver[1]), _scale(float(np.ptp(measured)), driven[1])
-    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up))]
-    curves = [(up.per_si * measured, INK, 'measured')]
-    curves += [(up.per_si * (measured - left), colour, label) for left, colour, label in residuals]
-    what = record.words(f'{driven[0]} over {driver[0]}, measured and predicted')
-    loop = partial(_curves, across.per_si * path.driver, curves, labels, f'{name}_loop', what)
-    labels = ['time  [s]', f'residual  [{per_time.unit}]']
-    what = 'residual over time by each law; what is judged is shaded'
-    begins = float(path.time[judged.rows.argmax()])
-    residuals = [(per_time.per_si * values, colour, label) for values, colour, label in residuals]
-    residual = partial(_curves, path.time, residuals, labels, f'{name}_residual', what, begins)
-    return Section(record.name, (Figures((Figure(loop), Figure(residual))),))
-
-
-def _curves(
-    x: Floats, curves: Sequence[Curve], labels: Sequence[str], name: str, what: str, judged_from: float | None = None
-) -> Markup:
-    """Curves with their colours and labels over x, at most 1000 points of each; over time, what is judged shaded."""
     figure, (axes,) = new_figure(450.0, 300.0, margins=Margins(left=64, right=8, bottom=74, top=12))
-    axes.set(xlabel=labels[0], ylabel=labels[1])
-    if judged_from is not None:
-        axes.axvspan(judged_from, x[-1], color=LINE, lw=0, alpha=0.5)
-        axes.axhline(0, color=FAINT, lw=0.9)
-        axes.set_xlim(x[0], x[-1])
-    block = -(-len(x) // 1000)
-    for values, colour, label in curves:
-        width = 0.8 if colour == INK else 1.4 if judged_from is None else 1.0
-        axes.plot(block_means(x, block), block_means(values, block), color=colour, lw=width, label=label)
+    xlabel, ylabel = (f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up)))
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    block = -(-len(measured) // 1000)
+    x = block_means(across.per_si * path.driver, block)
+    axes.plot(x, block_means(up.per_si * measured, block), color=INK, lw=0.8, label='measured')
+    for left, colour, label in residuals:
+        axes.plot(x, block_means(up.per_si * (measured - left), block), color=colour, lw=1.4, label=label)
     axes.legend(frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.19), ncols=3, handlelength=1.4)
-    return as_svg(figure, name, what)
+    return as_svg(figure, name, record.words(f'{driven[0]} over {driver[0]}, measured and predicted'))
 
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
@@ -419,17 +332,16 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
         'schema': 'scara_kinetostatic/dial_gauge/1',
         'version': __version__,
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
-        'hysteresis': hysteresis_document(analysis.loops) if analysis.loops else None,
         'warnings': analysis.warnings,
     }
 
 
 def _part(part: dial_gauge.Part) -> Document:
     maps = {}
-    for what, ellipse in part.ellipses.items():
+    for what, isotropy in part.combined.items() if part.over_direction else ():
         values = [getattr(run, what).value for run in part.runs]
-        maps[what] = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
-        maps[what] |= {'isotropy': part.combined[what], 'ellipse': ellipse}
+        extent = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
+        maps[what] = extent | {'isotropy': isotropy}
     runs = {'runs': [_run(run) for run in part.runs]}
     return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
 
@@ -464,22 +376,13 @@ def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
         for part in analysis.parts.values()
     ]
     note = 'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
-    if analysis.parts:
-        blocks.append(Section('Summary', (summary_table(analysis), note)))
-    if analysis.loops:
-        loops = hysteresis_report(analysis.loops)
-        blocks.append(Section(loops.title, (loops.answer, *loops.blocks)))
-    incomplete = [each.study.records[0].name for each in analysis.loops if not each.is_complete]
-    what = [TITLES[name] for name in analysis.parts] + ['loops'] * (len(analysis.loops) > len(incomplete))
-    answer = Verdict(f'Compliance and backlash: {", ".join(what) or "not determined"}')
-    if incomplete:
-        why = f'{", ".join(incomplete)}: no law is complete, so that compliance and gap are not determined.'
-        answer = answer._replace(level='bad', sentences=(why,))
+    blocks.append(Section('Summary', (summary_table(analysis), note)))
+    sources = dict.fromkeys(run.readings.source for part in analysis.parts.values() for run in part.runs)
     return Report(
         title='Compliance and backlash by dial gauge',
-        answer=answer,
+        answer=Verdict(f'Compliance and backlash: {", ".join(TITLES[name] for name in analysis.parts)}'),
         blocks=tuple(blocks),
-        source=', '.join(analysis.sources),
+        source=', '.join(sources),
         remarks=analysis.warnings,
         footer='all numbers in full in dial_gauge.json',
     )
@@ -510,46 +413,36 @@ def _run_table(part: dial_gauge.Part) -> Table:
 def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
-    for what, ellipse in part.ellipses.items():
-        isotropy, values = part.combined[what], [getattr(run, what).value for run in part.runs]
+    for what, isotropy in part.combined.items() if part.over_direction else ():
         test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
         test += f', {p_equals(isotropy.p_value)}'
         if isotropy.p_value >= LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
             continue
-        unit = f'µ{isotropy.unit}'
-        text = f'The {what} depends on the direction ({test}): {1e6 * min(values):.4g} … {1e6 * max(values):.4g} {unit}'
-        if ellipse is not None:
-            fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
-            limits = f'{shown(*ellipse.minor).text} to {shown(*ellipse.major).text}'
-            axis = shown(*ellipse.axis, {'rad': Scale('°', 180 / np.pi)}).text
-            text += f'; ellipse from {limits}, largest at {axis}{fits}'
-        found.append(f'{text}.')
+        values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
+        found.append(f'The {what} depends on the direction ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
 
 
 def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     """Maps over the direction, and the runs with the largest and the smallest gap."""
-    maps = [Figure(partial(map_picture, part, what, f'{part.name}_{what}')) for what in part.ellipses]
-    dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
+    maps = [
+        Figure(partial(map_picture, part, what, f'{part.name}_{what}')) for what in part.combined if part.over_direction
+    ]
     gaps, forces = [run.gap.value for run in part.runs], []
     for k in dict.fromkeys((int(np.argmax(gaps)), int(np.argmin(gaps)))):
         run, name = part.runs[k], f'{part.name}_force{k}'
         forces.append(Figure(partial(force_picture, run, name), title=run.readings.name.capitalize()))
     found = Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')
-    return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
+    return (Figures(tuple(maps), 'With two standard deviations; dashed: mean.'), found) if maps else (found,)
 
 
 def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
-    """Compliance or gap over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
+    """Compliance or gap over the direction, with two standard deviations (figures 4(b) and 4(c))."""
     figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
-    middle, ellipse, power = getattr(part, what), part.ellipses[what], dial_gauge.POWERS[what]
-    if ellipse is not None:
-        turned = turn - ellipse.axis.value
-        q = ellipse.major.value**power * np.cos(turned) ** 2 + ellipse.minor.value**power * np.sin(turned) ** 2
-        axes.plot(turn, MICRO * q ** (1 / power), color=SERIES[0], lw=1.2)
+    middle = getattr(part, what)
     axes.plot(turn, np.full_like(turn, MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
     values, bars = (MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
     direction = [run.readings.direction for run in part.runs]

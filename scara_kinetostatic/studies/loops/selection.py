@@ -95,14 +95,12 @@ class Dependence(NamedTuple):
         share: explained share of the squared residual, for a motion on the half held out; below 0 if it increases.
         p_value: of no dependence, all records together; NaN where it could not be tested.
         detectable_share: share that the test would have found with a probability of `POWER`; NaN likewise.
-        p_value_by_record: of each record driven by its load; NaN where it could not be tested.
     """
 
     variable: str
     share: float
     p_value: float
     detectable_share: float
-    p_value_by_record: tuple[float, ...] = ()
 
     @property
     def is_tested(self) -> bool:
@@ -386,7 +384,7 @@ class Study:
             p_value, share = _fisher(p_values), sum(explained) / total if total > 0 else 0.0
             limit = sum(detectable) / total if total > 0 else 0.0
             limit = min(detectable) if self.in_loops else min(limit, 1.0) if p_value >= 0 else np.nan
-            found.append(Dependence(name, share, p_value, limit, () if self.driven_by == MOTION else p_values))
+            found.append(Dependence(name, share, p_value, limit))
         return tuple(sorted(found, key=lambda each: -each.share))
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
@@ -552,15 +550,13 @@ class Selection(NamedTuple):
         """Whether the residual of the law that is stated was not found to depend on anything."""
         return self.p_after >= LEVEL / 2
 
-    @property
-    def stated(self) -> dict[str, dict[str, Estimate]]:
-        """The parameters of law (6) and of the selected law, by their names; without standard deviations where no law
-        is complete: they are then no compliance and no gap of the joint.
+    def stated(self, candidate: Candidate) -> dict[str, Estimate]:
+        """The parameters of a law; without standard deviations where no law is complete: they are then no compliance
+        and no gap of the joint.
         """
-        found = {each.law.name: each.parameters for each in (self.before, self.selected) if each}
         if self.is_complete:
-            return found
-        return {law: {name: each._replace(std=np.nan) for name, each in own.items()} for law, own in found.items()}
+            return candidate.parameters
+        return {name: each._replace(std=np.nan) for name, each in candidate.parameters.items()}
 
     @property
     def judged(self) -> tuple[Judged, ...]:

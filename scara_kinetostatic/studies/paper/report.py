@@ -9,7 +9,6 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
@@ -21,6 +20,7 @@ from scara_kinetostatic.studies.paper.study import (
     FORCE,
     FORCE_ERROR,
     FORCE_ERROR_FROM_NOISE,
+    NOISE,
     Reproduction,
     Run,
     determined_combination,
@@ -29,13 +29,9 @@ from scara_kinetostatic.studies.paper.study import (
 
 def paper_document(r: Reproduction) -> Document:
     """The document."""
-    noises = []
-    for study in r.noises:
-        errors = {'force_error': study.force_error, 'force_error_std': study.force_error_std, 'z': _named(study.z)}
-        noises.append({**_noise(study.noise), **errors, 'chi_square': study.chi_square, 'degrees_of_freedom': r.rank})
     scatters = {}
     for name, scatter in r.monte_carlo.items():
-        named = {key: _named(getattr(scatter, key)) for key in ('predicted', 'found', 'bias')}
+        named = {key: _named(getattr(scatter, key)) for key in ('predicted', 'found')}
         scatters[name] = scatter._asdict() | named
     return {
         'schema': 'scara_kinetostatic/paper/1',
@@ -43,10 +39,8 @@ def paper_document(r: Reproduction) -> Document:
         'paper': {'estimated': ESTIMATED.as_dict(), 'estimated_from_noise': ESTIMATED_FROM_NOISE.as_dict()},
         'one_level': _run(r.exact),
         'three_levels': _run(r.exact_levels),
-        'noise_of_table_2': noises,
-        'noisy': {'noise': _noise(r.noise), **_run(r.noisy)},
+        'noisy': {'noise': {'joint': NOISE.joint_rms, 'force': NOISE.force_rms}, **_run(r.noisy)},
         'monte_carlo': scatters,
-        'gripper': r.gripper,
         'dial_gauge': dial_gauge_document(r.dial_gauge),
     }
 
@@ -60,10 +54,6 @@ def _run(run: Run) -> Document:
     found['paper_algorithm'] |= {'history': run.paper.history, 'rank': run.paper.rank}
     found['weighted'] |= {'rank': identifiability.rank, 'confounded': identifiability.confounded}
     return found
-
-
-def _noise(noise: Noise) -> Document:
-    return {'joint': noise.joint_rms, 'force': noise.force_rms}
 
 
 def _named(values: Any) -> dict[str, float]:
@@ -170,9 +160,9 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
     printed = (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
     combinations = ', '.join(f'{1e6 * determined_combination(values.as_array()):.2f}' for values in printed)
     line = (
-        f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.rank}: all points of the '
-        f'line fit equally well. The three printed columns have 40 p_ee − g_ee = {combinations} µm. With three force '
-        'levels the rank is 12, and all twelve parameters are determined.'
+        f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.exact.paper.rank}: all '
+        'points of the line fit equally well. The three printed columns have '
+        f'40 p_ee − g_ee = {combinations} µm. With three force levels the rank is 12, and all are determined.'
     )
     return (
         Section(
@@ -185,15 +175,6 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
 def _deviations(r: Reproduction) -> tuple[Section, ...]:
     scatter = r.monte_carlo['paper']
     low, high = scatter.force_error_range
-    ratios = (
-        'For five ratios of joint to force noise: the noise for which e_f = 1.31 N, and the printed noisy estimates '
-        'compared with the covariance predicted for it.'
-    )
-    jointly = (
-        'Each single parameter is within two standard deviations of its true value. Jointly they are not: their errors '
-        'are not correlated as those of a least-squares solution of this cell are, at any noise. The printed column is '
-        'therefore either not the minimum, or was computed in a cell that differs from figure 3.'
-    )
     sets = (
         f'{scatter.runs} data sets at three force levels, each estimated by both algorithms. The prediction is '
         'J⁺ (Σ_F + A_Q Σ_Q A_Qᵀ) J⁺ᵀ for the paper’s unweighted estimator, and the Cramér–Rao bound for the weighted '
@@ -204,22 +185,10 @@ def _deviations(r: Reproduction) -> tuple[Section, ...]:
         f'{high:.2f} N; the paper states 1.25 to 1.35 N.'
     )
     found = Figure(partial(scatter_picture, r), 'Grey: two standard deviations of the sampling error.')
-    return (
-        Section('The noise of the third column', (ratios, _noise_table(r), jointly)),
-        Section('Are the standard deviations as predicted?', (sets, found, _monte_carlo_table(r), errors)),
-    )
+    return (Section('Are the standard deviations as predicted?', (sets, found, errors)),)
 
 
 def _experiments(r: Reproduction) -> tuple[Section, ...]:
-    parts = (
-        'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the '
-        'parameters of the base model:'
-    )
-    alias = (
-        'A gripper more compliant across link 2 than along it is an exact alias of another p2 (and p_ee): the '
-        'displacement across link 2 is that of a compliance of joint 2 larger by (p22 − p11)/l2². Rotated principal '
-        'axes, p12 + p21, are identifiable.'
-    )
     simulated = (
         'Simulated with the values of figure 4(d) and the anisotropic backlash of figure 4(c), 2 µm gauge noise, loads '
         'up to 40 N in both senses, three cycles; analysed as the verb dial-gauge analyses measured readings.'
@@ -230,10 +199,7 @@ def _experiments(r: Reproduction) -> tuple[Section, ...]:
     )
     own = (Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values())
     experiments: tuple[Block, ...] = (simulated, summary_table(r.dial_gauge), measured, *own)
-    return (
-        Section('The general gripper of (7)', (parts, _gripper_table(r), alias)),
-        Section('Section 5.2, figure 4: the dial gauge experiments', experiments),
-    )
+    return (Section('Section 5.2, figure 4: the dial gauge experiments', experiments),)
 
 
 def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
@@ -256,43 +222,8 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
     errors = ('' if error is None else f'{error:.3e}' for _, error in columns.values())
     note = (
         'With one force level only 40 p_ee − g_ee is determined. Two data sets with noise: the printed column, and one '
-        f'simulated at three force levels (10, 20, 40 N) with σ_q = {1e6 * r.noise.joint_rms:.1f} µrad and '
-        f'σ_f = {r.noise.force_rms:.2f} N.'
+        f'simulated at three force levels (10, 20, 40 N) with σ_q = {1e6 * NOISE.joint_rms:.1f} µrad and '
+        f'σ_f = {NOISE.force_rms:.2f} N.'
     )
     heading = ('parameter', 'unit', *columns, 'its std')
     return Table(heading, ('',) * len(heading), (*rows, ('e_f', 'N', *errors, ''))), Note(note)
-
-
-def _noise_table(r: Reproduction) -> Table:
-    """σ_q, σ_f, e_f ± standard deviation, largest |z| of the paper's noisy column, its chi-square."""
-    rows = []
-    for study in r.noises:
-        noise, error = study.noise, f'{study.force_error:.2f} ± {study.force_error_std:.2f}'
-        largest = int(np.abs(study.z).argmax())
-        off = f'{abs(study.z[largest]):.1f}', NAMES[largest], f'{study.chi_square:.0f} / {r.rank}'
-        rows.append((f'{1e6 * noise.joint_rms:.1f}', f'{noise.force_rms:.3f}', error, *off))
-    heading = ('σ_q', 'σ_f', 'e_f', 'largest single deviation', 'of', 'χ² / degrees of freedom')
-    return Table(heading, ('µrad', 'N', 'N', 'σ', '', ''), tuple(rows))
-
-
-def _monte_carlo_table(r: Reproduction) -> Table:
-    """Standard deviations of both estimators, predicted and found, and the ratio of those found."""
-    paper, weighted = r.monte_carlo['paper'], r.monte_carlo['weighted']
-    values = np.stack([paper.predicted, paper.found, weighted.predicted, weighted.found], axis=1)
-    rows = tuple(
-        (name, unit, *(f'{per_si * value:#.4g}' for value in row), f'{row[3] / row[1]:.3f}')
-        for (name, (unit, per_si)), row in zip(list(SCALES.items())[: len(NAMES)], values, strict=True)
-    )
-    heading = ('parameter', 'unit', 'unweighted: predicted', 'found', 'weighted: predicted', 'found', 'ratio found')
-    return Table(heading, ('',) * len(heading), rows)
-
-
-def _gripper_table(r: Reproduction) -> Table:
-    """Identifiability of each part of P."""
-    rows = []
-    for part in r.gripper:
-        std = f'{1e6 * part.std:#.2g}' if np.isfinite(part.std) else 'not determined'
-        biases = ', '.join(f'{value:+.3g} in {name}' for name, value in part.biases.items()) or 'none'
-        rows.append((part.part, f'{100 * part.explained_by_base_model:.1f}', std, biases))
-    heading = ('part of P', 'explained by the base model', 'standard deviation', 'bias per unit, if ignored')
-    return Table(heading, ('', '%', 'µm/N', ''), tuple(rows))

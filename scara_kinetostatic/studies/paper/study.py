@@ -5,12 +5,6 @@ Monte Carlo study of both estimators. The settings are the paper's: three discs,
 elbow posture, `gripper_sign: paper` (table 2 was computed with the sign as printed: 40 p_ee - g_ee is equal in its
 first two columns, 40 p_ee + g_ee is not).
 
-General gripper beside the base model: P = p_ee I + E in the frame of link 2. E has three parts besides the
-isotropic one: a larger compliance across link 2 than along it (p22 - p11), principal axes that are rotated (p12 + p21),
-and a part that does not conserve energy (p12 - p21). A displacement across link 2 proportional to the force across it
-is also caused by a compliance of joint 2: p22 - p11 is an exact alias of l2² p2 (and half of it of p_ee). The other
-parts have no alias.
-
 **Algorithm of section 4.3.** Pseudo-inverse steps on A(Q, L̄), unweighted (12)–(14).
 
     L̄_k = L̄_{k-1} + J_L̄⁺ ΔF,   ΔF = F - A(Q, L̄_{k-1}),   J_L̄ = ∂A/∂L̄
@@ -56,23 +50,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.fit_point import base_force, force_error, force_residual, project
-from scara_kinetostatic.calibration.gauss_helmert import place_force, whiten_by
+from scara_kinetostatic.calibration.fit_point import base_force, force_error, force_residual
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, PARTS, GaugeTable, Readings
+from scara_kinetostatic.studies.loops.dial_gauge import (
+    GRIPPER,
+    JOINT1,
+    JOINT2,
+    PARTS,
+    DialGaugeAnalysis,
+    Readings,
+    analyse_runs,
+)
 
 DIRECTIONS = tuple(np.radians(np.arange(0, 360, 30)).tolist())
 
@@ -246,6 +245,8 @@ FORCE = 40.0
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), gripper_sign=GripperSign.PAPER)
 ONE_LEVEL = (FORCE,)
 THREE_LEVELS = (FORCE / 4, FORCE / 2, FORCE)
+NOISE = Noise(joint=4.76825e-5, force=0.476825)
+"""With it the mean e_f of the paper's estimates is 1.3 N, the middle of the range that the paper states."""
 
 
 def paper_touches(levels: tuple[float, ...], noise: Noise | None = None, seed: int = 0) -> TouchSet:
@@ -273,102 +274,23 @@ def run(levels: tuple[float, ...], noise: Noise | None = None, seed: int = 0) ->
     return Run(paper_calibrate(touches, cell), calibrate(touches, cell))
 
 
-class LinearProblem(NamedTuple):
-    """The estimation problem linearised at the truth, with the covariances of both estimators.
+def predicted_covariances(noise: Noise = NOISE) -> tuple[Floats, Floats]:
+    """Covariances of the estimates from three force levels, (12, 12) each, SI units: the paper's, and the weighted one.
 
-    Attributes:
-        jacobian: J_L̄ (12) in units of `SCALES`, (2n, 12).
-        by_joints: A_Q A_Qᵀ as a block-diagonal matrix, (2n, 2n), (N/rad)².
-        rank: of J_L̄.
-        unidentifiable: unit null vectors of J_L̄, (12, 12 - rank), in units of `SCALES`.
-        identifiable: orthonormal complement, (12, rank).
+    With Σ = Σ_F + A_Q Σ_Q A_Qᵀ, linearised at the truth, J⁺ Σ J⁺ᵀ and the Cramér–Rao bound (Jᵀ Σ⁻¹ J)⁻¹.
     """
-
-    jacobian: Floats
-    by_joints: Floats
-    rank: int
-    unidentifiable: Floats
-    identifiable: Floats
-
-    def force_covariance(self, noise: Noise) -> Floats:
-        """Covariance of F - A(Q, L̄): Σ_F + A_Q Σ_Q A_Qᵀ, (2n, 2n), N²."""
-        return noise.force_rms**2 * np.eye(len(self.jacobian)) + noise.joint_rms**2 * self.by_joints
-
-    def unweighted_gain(self) -> Floats:
-        """J⁺ of (13) in units of `SCALES`, (12, 2n)."""
-        u, values, vt = np.linalg.svd(self.jacobian, full_matrices=False)
-        return (vt[: self.rank].T / values[: self.rank]) @ u[:, : self.rank].T
-
-    def unweighted_covariance(self, noise: Noise) -> Floats:
-        """Covariance of the paper's estimate, (12, 12), SI units."""
-        gain = SCALES[:, None] * self.unweighted_gain()
-        return gain @ self.force_covariance(noise) @ gain.T
-
-    def weighted_covariance(self, noise: Noise) -> Floats:
-        """Covariance of the weighted estimate, the Cramér–Rao bound, (12, 12), SI units."""
-        root = np.linalg.cholesky(self.force_covariance(noise))
-        triangle = np.linalg.qr(np.linalg.solve(root, self.jacobian @ self.identifiable), mode='r')
-        half = SCALES[:, None] * (self.identifiable @ np.linalg.inv(triangle))
-        return half @ half.T
-
-
-def linearise_at_truth(levels: tuple[float, ...]) -> LinearProblem:
-    """J_L̄ and A_Q of the touches without noise."""
-    o = observe(paper_touches(levels), CELL)
+    o = observe(paper_touches(THREE_LEVELS), CELL)
     found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, warm_start=o.force)
     derivatives = contact_derivatives(PAPER_ACTUAL, found)
-    jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
-    n = len(o.joints)
-    blocks = np.zeros((n, 2, n, 2))
-    blocks[np.arange(n), :, np.arange(n), :] = derivatives.joints @ derivatives.joints.swapaxes(1, 2)
-    _, values, vt = np.linalg.svd(jacobian, full_matrices=False)
-    rank = int((values > 1e-9 * values[0]).sum())
-    return LinearProblem(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
-
-
-def expected_force_error(linear: LinearProblem, noise: Noise) -> tuple[float, float]:
-    """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order; by random draws."""
-    covariance = linear.force_covariance(noise)
-    residual_maker = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
-    values, vectors = np.linalg.eigh(residual_maker @ covariance @ residual_maker.T)
-    draws = np.random.default_rng(0).normal(size=(len(covariance), 2000))
-    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, 2000)
-    force_errors = np.hypot(residual[:, 0], residual[:, 1]).mean(axis=0)
-    return float(force_errors.mean()), float(force_errors.std())
-
-
-def noise_for_force_error(linear: LinearProblem, ratio: float, force_error: float = FORCE_ERROR_FROM_NOISE) -> Noise:
-    """The noise for which the expected e_f has a given value, with σ_q = ratio σ_f, ratio in rad/N."""
-    unit, _ = expected_force_error(linear, Noise(joint=ratio, force=1.0))
-    return Noise(joint=ratio * force_error / unit, force=force_error / unit)
-
-
-class NoiseStudy(NamedTuple):
-    """The noise of the third column of table 2 for one ratio of σ_q to σ_f.
-
-    Attributes:
-        noise: for which the expected e_f is that of the paper.
-        force_error: expected e_f, N.
-        force_error_std: its standard deviation over data sets, N.
-        z: error of the paper's noisy column in identifiable directions, in units of the predicted std, (12,).
-        chi_square: of that column with the rank as degrees of freedom, 11 with one force level.
-    """
-
-    noise: Noise
-    force_error: float
-    force_error_std: float
-    z: Floats
-    chi_square: float
-
-
-def study_noise(linear: LinearProblem, ratio: float) -> NoiseStudy:
-    """The paper's noisy estimates compared with the predicted covariance, for one ratio of σ_q to σ_f, rad/N."""
-    noise = noise_for_force_error(linear, ratio)
-    covariance, basis = linear.unweighted_covariance(noise), linear.identifiable
-    error = basis.T @ ((ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES)
-    scaled = basis.T @ (covariance / np.outer(SCALES, SCALES)) @ basis
-    z, chi_square = SCALES * (basis @ error) / np.sqrt(np.diag(covariance)), error @ np.linalg.solve(scaled, error)
-    return NoiseStudy(noise, *expected_force_error(linear, noise), z, float(chi_square))
+    jacobian, by_joints = derivatives.parameters * SCALES, derivatives.joints
+    root = np.linalg.cholesky(
+        noise.force_rms**2 * np.eye(2) + noise.joint_rms**2 * by_joints @ by_joints.swapaxes(1, 2)
+    )
+    gain = np.linalg.pinv(jacobian.reshape(-1, len(NAMES))).reshape(len(NAMES), -1, 2)
+    unweighted = np.einsum('knc,ncd->knd', gain, root).reshape(len(NAMES), -1)
+    weighted = np.linalg.pinv(np.linalg.solve(root, jacobian).reshape(-1, len(NAMES)))
+    scaled = [SCALES[:, None] * half for half in (unweighted, weighted)]
+    return scaled[0] @ scaled[0].T, scaled[1] @ scaled[1].T
 
 
 def determined_combination(values: Floats) -> float:
@@ -383,7 +305,6 @@ class Scatter(NamedTuple):
         runs: number of data sets.
         predicted: standard deviations predicted for this estimator.
         found: standard deviations over the data sets.
-        bias: mean error.
         force_error: mean e_f (10) over the data sets, N.
         force_error_range: 2.5 % and 97.5 % quantiles of e_f, N.
     """
@@ -391,32 +312,24 @@ class Scatter(NamedTuple):
     runs: int
     predicted: Floats
     found: Floats
-    bias: Floats
     force_error: float
     force_error_range: tuple[float, float]
 
 
-def compare(
-    levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] = lambda done: None
-) -> dict[str, Scatter]:
+def compare(runs: int, progress: Callable[[int], None] = lambda done: None) -> dict[str, Scatter]:
     """Runs both estimators on simulated data sets: the paper's unweighted one, `paper`, and the weighted one.
 
     Args:
-        levels: force levels, N; with one level p_ee and g_ee are not determined.
-        noise: of one touch; also given to the weighted estimator.
         runs: number of data sets.
         progress: receives the number of data sets done.
     """
     rows = []
     for seed in range(runs):
-        fits = run(levels, noise, seed)
+        fits = run(THREE_LEVELS, NOISE, seed)
         rows.append([[*fit.parameters.as_array(), fit.force_error] for fit in fits])
         progress(seed + 1)
-    linear, (paper, weighted) = linearise_at_truth(levels), np.swapaxes(rows, 0, 1)
-    return {
-        'paper': _scatter(paper, linear.unweighted_covariance(noise)),
-        'weighted': _scatter(weighted, linear.weighted_covariance(noise)),
-    }
+    several = zip(('paper', 'weighted'), np.swapaxes(rows, 0, 1), predicted_covariances(), strict=True)
+    return {name: _scatter(found, covariance) for name, found, covariance in several}
 
 
 def _scatter(rows: Floats, covariance: Floats) -> Scatter:
@@ -424,59 +337,7 @@ def _scatter(rows: Floats, covariance: Floats) -> Scatter:
     error, force_error = rows[:, :12] - PAPER_ACTUAL.as_array(), float(rows[:, 12].mean())
     low, high = np.quantile(rows[:, 12], [0.025, 0.975]).tolist()
     predicted, found = np.sqrt(np.diag(covariance)), error.std(axis=0, ddof=1)
-    return Scatter(len(rows), predicted, found, error.mean(axis=0), force_error, (low, high))
-
-
-class GripperPart(NamedTuple):
-    """Identifiability of one part of the general gripper by a set of touches.
-
-    Attributes:
-        part: such as ``p22 - p11``.
-        explained_by_base_model: share of its effect on the touches that the base model reproduces, 0 to 1.
-        std: standard deviation with which the touches determine it beside the base model, m/N; infinite
-            for an exact alias.
-        biases: bias of each parameter if the part is not modelled, per m/N of it.
-    """
-
-    part: str
-    explained_by_base_model: float
-    std: float
-    biases: dict[str, float]
-
-
-def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Noise) -> tuple[GripperPart, ...]:
-    """Identifiability of each part of E.
-
-    Args:
-        touches: exact or measured; only their places count.
-        cell: the cell.
-        parameters: L̄ at which the equations are linearised.
-        noise: of one touch.
-    """
-    observations = observe(touches, cell)
-    point = project(observations, ExtendedModel(parameters), noise)
-    a = point.adjusted
-    state = place_force(observations, point.model, a.joints, a.force, a.state)
-    o = observations
-    equations = touch_equations(parameters, o.contact_problem(a.joints), state)
-    entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
-    base = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
-    parts = {  # of E, by name: contribution of one unit to the entries 11, 12, 21, 22
-        'p22 - p11': (-0.5, 0.0, 0.0, 0.5),
-        'p12 + p21': (0.0, 0.5, 0.5, 0.0),
-        'p12 - p21': (0.0, 0.5, -0.5, 0.0),
-    }
-    found = []
-    for name, weights in parts.items():
-        trace = (entries @ np.array(weights)).ravel()
-        biases = np.linalg.lstsq(base, trace, rcond=1e-10)[0]
-        independent = float(np.linalg.norm(trace - base @ biases))
-        share = 1 - (independent / float(np.linalg.norm(trace))) ** 2
-        std = 1 / independent if share < 1 - 1e-12 else np.inf  # an exact alias, but for rounding
-        noticeable = np.abs(biases) * 1e-5 > 0.01  # by a part of 1e-5 m/N, as a share of the plausible range
-        named = {parameter: float(biases[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]}
-        found.append(GripperPart(name, share, std, named))
-    return tuple(found)
+    return Scatter(len(rows), predicted, found, force_error, (low, high))
 
 
 class Reproduction(NamedTuple):
@@ -486,22 +347,14 @@ class Reproduction(NamedTuple):
         exact: one force level, no noise: table 2, first two columns, and figure 3.
         exact_levels: three force levels, no noise.
         noisy: one data set with noise, three force levels.
-        rank: with one force level.
-        noises: the noise of the third column of table 2, for some ratios of σ_q to σ_f.
-        noise: that of `noisy` and `monte_carlo`.
         monte_carlo: the estimators `paper` and `weighted` over many data sets, three force levels.
-        gripper: identifiability of the general gripper.
         dial_gauge: the experiments of section 5.2.
     """
 
     exact: Run
     exact_levels: Run
     noisy: Run
-    rank: int
-    noises: tuple[NoiseStudy, ...]
-    noise: Noise
     monte_carlo: dict[str, Scatter]
-    gripper: tuple[GripperPart, ...]
     dial_gauge: DialGaugeAnalysis
 
 
@@ -513,20 +366,10 @@ def reproduce(runs: int = 1000, progress: Callable[[str, float], None] = lambda 
         progress: receives what is being done and the share of all that is done, 0 to 1.
     """
     progress('table 2 and figure 3', 0.0)
-    one_level = linearise_at_truth(ONE_LEVEL)
-    noise_ratio, force_error = 1e-4, 1.3  # σ_q/σ_f, rad/N; the middle of the paper's range of e_f, N
-    noise = noise_for_force_error(linearise_at_truth(THREE_LEVELS), noise_ratio, force_error)
-    touches = simulate_touches(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), Noise(0.0, 0.0))
     return Reproduction(
         exact=run(ONE_LEVEL),
         exact_levels=run(THREE_LEVELS),
-        noisy=run(THREE_LEVELS, noise, seed=1),
-        rank=one_level.rank,
-        noises=tuple(study_noise(one_level, ratio) for ratio in (0.0, 1e-5, 3e-5, 1e-4, 1e-3)),
-        noise=noise,
-        monte_carlo=compare(
-            THREE_LEVELS, noise, runs, lambda done: progress(f'data set {done} of {runs}', 0.05 + 0.9 * done / runs)
-        ),
-        gripper=observable_parts(touches, PAPER_CELL, PAPER_ACTUAL, PAPER_CELL.noise or noise),
-        dial_gauge=analyse_tables([GaugeTable(simulate_experiments())]),
+        noisy=run(THREE_LEVELS, NOISE, seed=1),
+        monte_carlo=compare(runs, lambda done: progress(f'data set {done} of {runs}', 0.05 + 0.9 * done / runs)),
+        dial_gauge=analyse_runs(simulate_experiments()),
     )
