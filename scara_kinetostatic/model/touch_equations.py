@@ -53,16 +53,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import (
-    Complexes,
-    Floats,
-    Indices,
-    Mask,
-    as_complex,
-    over_arrays,
-    pairs,
-    unit_vectors,
-)
+from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
@@ -92,10 +83,6 @@ class Arm(NamedTuple):
     lever: Floats
     turn: Floats
     skew: Skew | None
-
-    def select(self, which: Mask | Indices | slice) -> Arm:
-        """The touches that a mask, a slice or an array of positions picks."""
-        return over_arrays(lambda part: part[..., which], self)
 
 
 def view_arm(
