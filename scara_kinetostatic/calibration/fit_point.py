@@ -252,12 +252,13 @@ def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Fl
     """Off-normal angle of each measured force, (n,), rad."""
     o = observations
     state = first_guess(o, model).state
-    link1 = state.link1 + model.parameters.theta1
-    link2 = link1 + state.link2 + model.parameters.theta2
     force = base_force(o, model)
-    at = Law(model, o.gripper).loading(link1, link2, Force.of(force))
     tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
-    inward = o.contact_problem(o.joints).shifted(model, state).inward(tip + np.array(at.offset).T)
+    inward = (
+        o.contact_problem(o.joints)
+        .shifted(model, state)
+        .inward(tip + np.array(Law(model, o.gripper).offset(Force.of(force))).T)
+    )
     across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))
 

@@ -11,7 +11,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import Gripper, forward
+from scara_kinetostatic.model.kinematics import GripperSign, forward
 from scara_kinetostatic.model.outline import PER_ANGLE, Surfaces
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import ContactProblem, Edges
@@ -46,7 +46,7 @@ class Observations(NamedTuple):
     centers: Floats
     radii: Floats
     frame: SensorFrame
-    gripper: Gripper
+    gripper: GripperSign
     metadata: TouchMetadata | None = None
     declared: DeclaredErrors | None = None
     errors: Floats = NO_ERRORS
@@ -160,7 +160,7 @@ def observe(
         surfaces.centers[surface],
         surfaces.radii[surface],
         cell.sensor.frame,
-        cell.gripper,
+        cell.gripper_sign,
         TouchMetadata.of(touches, cell.sensor.frame)._replace(surface=surface),
         declared,
         np.zeros(count) if count else NO_ERRORS,

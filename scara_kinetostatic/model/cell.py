@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.kinematics import Gripper, rotate, wrap
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
+from scara_kinetostatic.model.kinematics import rotate, wrap
 from scara_kinetostatic.model.outline import (
     Outline,
     Surfaces,
@@ -532,7 +532,6 @@ class Cell:
         sensor: topics, frame and sign of the sensor.
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
-        gripper_excess: P - p_ee I of the general gripper (7), in the frame of link 2, by rows, m/N.
         identification: of robot, cell, sensor and people, for the report.
         plates: what carries several discs.
         uncertainty: of what is common to all touches; that of each disc and plate is theirs.
@@ -562,7 +561,6 @@ class Cell:
     sensor: Sensor = field(default_factory=Sensor)
     noise: Noise | None = None
     gripper_sign: GripperSign = GripperSign.PHYSICAL
-    gripper_excess: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     identification: Identification = field(default_factory=Identification)
     plates: tuple[Plate, ...] = ()
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
@@ -620,11 +618,6 @@ class Cell:
     def can_take(self, joints: Floats, margin: float = 0.0) -> Mask:
         """Whether the arm may be in poses (…, 2), rad, (…): within the limits, where the cell states some."""
         return np.asarray(~self.beyond_limits(joints, margin).any(axis=-1))
-
-    @property
-    def gripper(self) -> Gripper:
-        """The form of (7) in this cell."""
-        return Gripper(self.gripper_sign, self.gripper_excess)
 
     @property
     def centers(self) -> NDArray[np.float64]:
@@ -710,9 +703,9 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
     sensors = [(cell.sensor.topics, cell.sensor[2:-1]) for cell in (one, other)]  # relative or in the root namespace
     parts += ['sensor'] if sensors[0] != sensors[1] else []
-    for name in ('noise', 'gripper', 'plates', 'uncertainty', 'tolerance', 'region'):
+    for name in ('noise', 'gripper_sign', 'plates', 'uncertainty', 'tolerance', 'region'):
         if getattr(one, name) != getattr(other, name):
-            parts.append('model' if name == 'gripper' else name)
+            parts.append('model' if name == 'gripper_sign' else name)
     return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
 
 

@@ -79,7 +79,7 @@ def test_touches_of_both_edges_of_an_inner_corner_are_left_out_with_the_reason()
     normals = cell.surfaces.normals[[one, other]]
     shares = np.array([[1.0, 0.2], [0.5, 0.5], [0.1, 1.0]])
     force = -30.0 * shares @ normals
-    joints = inverse_kinetostatics(TRUTH, np.tile(corner, (3, 1)), force, np.ones(3, dtype=int), cell.gripper)[0]
+    joints = inverse_kinetostatics(TRUTH, np.tile(corner, (3, 1)), force, np.ones(3, dtype=int), cell.gripper_sign)[0]
     both = np.vstack([touches.joints, joints]), np.vstack([touches.force, force])
     found = associate(*both, cell)
     assert np.flatnonzero(~found.known).tolist() == [len(touches) + 1]
@@ -294,6 +294,6 @@ def test_inner_corners_are_touched_under_gravity():
     touches, at = simulate_touches(cell, truth, plan, Noise(0, 0)), plan.surface(cell)
     assert (surfaces.radii[at] < 0).any()
     places = surfaces.centers[at], surfaces.radii[at]
-    found = contact(truth, touches.joints, *places, cell.gripper, tangents=surfaces.tangents[at])
+    found = contact(truth, touches.joints, *places, cell.gripper_sign, tangents=surfaces.tangents[at])
     inner = surfaces.radii[at] < 0
     np.testing.assert_allclose(found.force[inner], touches.force[inner], atol=1e-6)

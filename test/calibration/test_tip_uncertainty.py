@@ -84,7 +84,7 @@ def test_derivative_of_the_tip_agrees_with_differences(measured: Calibration, ef
     for k, name in enumerate(c.model.names):
         step = 1e-3 * (np.arange(len(values)) == k) * (c.model.effect_scales[k - 12] if k >= 12 else 1e-3)
         ends = [
-            direct_kinetostatics(c.model.with_array(values + sign * step), *poses[::2], c.cell.gripper, metadata)[0]
+            direct_kinetostatics(c.model.with_array(values + sign * step), *poses[::2], metadata=metadata)[0]
             for sign in (1, -1)
         ]
         wanted = (ends[0] - ends[1]) / (2 * step[k])

@@ -21,7 +21,7 @@ from diagnosis.simulated import (
 
 from benchmark import lone_flaws
 from benchmark.common import NO_OTHERS
-from benchmark.diagnosis.unlisted import OvalDisc, Ripple
+from benchmark.diagnosis.unlisted import OvalDisc, Ripple, StiffGripper
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
@@ -151,8 +151,7 @@ def test_discs_that_only_change_their_distance_are_rivals():
 
 def test_exact_aliases_are_no_alarm():
     """A gripper stiffer along link 2 than across it is another p_ee and p2."""
-    stiff = replace(CELL, gripper_excess=((3e-6, 0.0), (0.0, 0.0)))
-    found = diagnose(calibrate(simulate(), stiff))  # of an isotropic one: as good with p_ee and p2 changed
+    found = diagnose(calibrate(simulate((StiffGripper(), (3e-6,))), CELL))
     assert found.verdict == 'none'
     assert found.extended is None
 
@@ -209,7 +208,7 @@ def test_a_displaced_disc_friction_of_either_sense_and_a_wave_are_all_named():
         touches.joints,
         CELL.centers[touches.disc],
         CELL.radii[touches.disc],
-        CELL.gripper,
+        CELL.gripper_sign,
         warm_start=touches.force,
         metadata=TouchMetadata.of(touches),
         off_normal=0.04 * random.standard_normal(len(touches)),

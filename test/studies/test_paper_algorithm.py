@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 from calibration.studies import CELL, EXACT, NOISE, touches
 
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.effects.robot import AnisotropicGripper
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Sensor, SensorFrame
+from scara_kinetostatic.model.contact import all_derivatives, extended_equations
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, P_EE, PAPER_ACTUAL
 from scara_kinetostatic.studies.paper.study import CELL as PAPER_CELL
 from scara_kinetostatic.studies.paper.study import (
     ONE_LEVEL,
     THREE_LEVELS,
     determined_combination,
+    excess_derivative,
     expected_force_error,
     linearise_at_truth,
     noise_for_force_error,
@@ -84,6 +90,19 @@ def test_tool_frame_is_not_the_papers_business():
     cell = replace(CELL, sensor=Sensor(frame=SensorFrame.TOOL))
     with pytest.raises(ParameterError, match='base'):
         paper_calibrate(touches(PAPER_ACTUAL, noise=EXACT, cell=cell), cell)
+
+
+def test_entries_of_the_compliance_of_the_gripper_are_those_of_p_ee_and_of_its_coupling():
+    o = observe(touches(PAPER_ACTUAL, noise=EXACT), CELL)
+    model = ExtendedModel(PAPER_ACTUAL, (AnisotropicGripper(),), ((0.0,),))
+    adjusted = project(o, model, NOISE).adjusted
+    problem = o.contact_problem(adjusted.joints)
+    equations = extended_equations(model, problem, adjusted.state)
+    wanted = all_derivatives(model, problem, adjusted.state, equations)
+    found = excess_derivative(adjusted.state, equations, o.gripper)
+    np.testing.assert_allclose(found[..., 0] + found[..., 3], wanted[..., P_EE], rtol=0, atol=1e-12)
+    coupling = found[..., 1] + found[..., 2]  # the effect leaves out what the lever arms change
+    np.testing.assert_allclose(coupling, wanted[..., 12], rtol=0, atol=5e-3 * np.abs(coupling).max())
 
 
 def test_a_gripper_softer_across_link_2_hides_in_p2_and_turned_axes_do_not():

@@ -68,7 +68,7 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
+from scara_kinetostatic.model.touch_equations import Equations, State, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
@@ -442,6 +442,19 @@ class GripperPart(NamedTuple):
     explained_by_base_model: float
     std: float
     biases: dict[str, float]
+
+
+def excess_derivative(state: State, equations: Equations, gripper: GripperSign) -> Floats:
+    """∂h/∂E of n touches, f and φ held: by the entries 11, 12, 21, 22 of E, (n, 2, 4).
+
+    The force acts beside the rigid tip by what E moves it across the force, so that both lever arms change by as much.
+    """
+    arm, push = equations.rows.arm, gripper.factor * state.magnitude
+    n = np.array([arm.links[1].real, -arm.links[1].imag])  # in the frame of link 2
+    t = np.array([-n[1], n[0]])
+    normal, tangent = ((push * side[:, None] * n).reshape(4, -1) for side in (n, t))
+    found = normal + (1j + equations.moved(equations.rows.weight)) * tangent
+    return np.stack([found.real, found.imag]).transpose(2, 0, 1)
 
 
 def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Noise) -> tuple[GripperPart, ...]:
