@@ -20,8 +20,8 @@ Observations and Least Squares (1976), on parameters observed directly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -199,28 +199,6 @@ class DeclaredErrors:
             std=stds,
             errors=self.count,
         )
-
-
-def without_sources(cell: Cell, labels: Set[str]) -> Cell:
-    """The cell with some sources of uncertainty taken as exactly known: what is held at a value is no unknown error.
-
-    Args:
-        cell: as stated.
-        labels: of sources; others are ignored.
-    """
-
-    def left(item: Any, **kinds: str) -> Any:
-        zero = [name for name, kind in kinds.items() if name in item._fields and f'{kind}[{item.name}]' in labels]
-        return item._replace(**dict.fromkeys(zero, 0.0))
-
-    of_disc = {'center_std': 'object_position', 'angle_std': 'object_rotation'}  # the latter of outlines alone
-    common: dict[str, Any] = {name: 0.0 for name in ('radius', 'force_gain', 'force_rotation') if name in labels}
-    return replace(
-        cell,
-        discs=tuple(left(d, radius_std=_size(d), **of_disc) for d in cell.discs),
-        plates=tuple(left(p, center_std='plate_position', angle_std='plate_angle') for p in cell.plates),
-        uncertainty=replace(cell.uncertainty, **common),
-    )
 
 
 class _ByDisc(NamedTuple):

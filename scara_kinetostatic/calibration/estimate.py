@@ -26,9 +26,8 @@ from scara_kinetostatic.calibration.fit_point import (
     fitted_surfaces,
     project,
     select,
-    turn_radial,
 )
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, estimated_levels
@@ -181,7 +180,7 @@ def _begin(
     first = _Round(ROBUST, some, noise, everything, none)
     if cell.has_outlines:
         observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
-    adjusted = turn_radial(observations, fit.point)
+    adjusted = as_radial(observations, fit.point.model, fit.point.adjusted.state)
     return observations.with_errors(observations.errors), fit.point.model, adjusted, first, fit.iterations
 
 

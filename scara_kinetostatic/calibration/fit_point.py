@@ -169,15 +169,6 @@ def select(point: Point, which: Mask | Indices | slice) -> Point:
     return Point(point.model, *pick(point[1:5], which), point.errors)
 
 
-def turn_radial(observations: Observations, point: Point) -> Adjusted:
-    """The observations as measured but for the direction of the force, which is made radial.
-
-    From here the adjustment proper can start: measured directions are not good enough to linearise at.
-    """
-    with np.errstate(all='ignore'):
-        return as_radial(observations, point.model, point.adjusted.state)
-
-
 def project(observations: Observations, model: ExtendedModel, noise: Noise) -> Point:
     """Adjust the observations alone, L̄ held: the nearest point of the model to each touch.
 
@@ -189,7 +180,7 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
     held = observations.with_errors_held()
     with np.errstate(all='ignore'):
         point = evaluate(held, model, first_guess(held, model), noise, COARSE)
-        point = evaluate(held, model, turn_radial(held, point), noise)
+        point = evaluate(held, model, as_radial(held, model, point.adjusted.state), noise)
         # five rounds suffice for forces along the normal; with off-normal angles some touches need more
         point, moving = _in_rounds(held, point, noise, 5)
         if len(moving):

@@ -721,28 +721,18 @@ def _check_uncertainty(where: str, std: float) -> None:
         raise ParameterError(where, f'expected a standard uncertainty of 0 or more, got {std}')
 
 
-def _gap(cell: Cell, centers: Floats, radii: Floats, first: int, second: int) -> float:
+def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -> float:
     """Distance of two objects between the places of the tip on them, m; below 0 where they overlap, -inf if open ones
     cross.
     """
-    outlines = [isinstance(cell.discs[k], Outline) for k in (first, second)]
-    if not any(outlines):
-        return float(np.linalg.norm(centers[first] - centers[second]) - radii[first] - radii[second])
-    if not outlines[0]:
-        first, second = second, first
-    places = boundary(surfaces_of([cell.discs[first]], cell.tip_radius))
-    if not isinstance(cell.discs[second], Outline):
-        within = cell.discs[first].is_closed and inside(places, centers[second : second + 1])[0]
-        apart = np.hypot(*(places - centers[second]).T).min()
-        return float(-apart if within else apart - radii[second])
-    others = boundary(surfaces_of([cell.discs[second]], cell.tip_radius))
+    items = one, other
+    places, others = lines = [boundary(surfaces_of([item], tip_radius)) for item in items]
     away = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1))
-    pairs = ((cell.discs[second], others, places), (cell.discs[first], places, others))
-    depths = [away.min(axis=1 - k)[inside(line, of)] for k, (disc, line, of) in enumerate(pairs) if disc.is_closed]
+    depths = [away.min(axis=1 - k)[inside(lines[1 - k], lines[k])] for k in (0, 1) if items[1 - k].is_closed]
     if any(depth.size for depth in depths):
         return -float(np.concatenate(depths).max())
-    lines = [np.array(disc.corners) for disc, *_ in pairs if isinstance(disc, Outline)]
-    return -np.inf if crosses(*lines) else float(away.min())
+    corners = [np.array(item.corners) for item in items if isinstance(item, Outline)]
+    return -np.inf if len(corners) == 2 and crosses(*corners) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
@@ -781,7 +771,7 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
     for i in range(1, len(radii)):
         gaps = np.linalg.norm(centers[:i] - centers[i], axis=1) - radii[:i] - radii[i]
         if cell.has_outlines:
-            gaps = np.where(gaps < 0, [_gap(cell, centers, radii, j, i) for j in range(i)], gaps)
+            gaps = np.where(gaps < 0, [_gap(cell.discs[j], cell.discs[i], cell.tip_radius) for j in range(i)], gaps)
         for j in (j for j in np.argsort(gaps) if gaps[j] < 0):
             how = f'overlap by {-gaps[j]:.4g} m' if np.isfinite(gaps[j]) else 'cross'
             found.append(f'discs {names[j]!r} and {names[i]!r} {how}')
