@@ -92,11 +92,6 @@ def test_another_effect_is_found_beside_one_that_is_held():
     assert np.abs(deviations(outcome.final)).max() < 4
 
 
-def test_an_effect_held_at_zero_is_not_found():
-    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, effects='object_radius[disc_2]:radius=2e-4', per_disc=8, seed=2)
-    assert 'object_radius[disc_2]' not in sk.diagnose(touches, PAPER_CELL, fixed={NAME: 0.0}).effects
-
-
 @pytest.mark.parametrize('name', [NAME, 'sensor_rotation.angle'])
 def test_what_the_cell_declares_as_uncertain_is_not_held(name):
     discs = tuple(disc._replace(radius_std=5e-6) for disc in PAPER_CELL.discs)

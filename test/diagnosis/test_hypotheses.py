@@ -8,18 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import conclude_outcome
-from diagnosis.simulated import (
-    CELL,
-    NOISE,
-    PLAN,
-    UNKNOWN_NOISE,
-    check_explained,
-    check_parameters,
-    deviations,
-    effect,
-    named,
-    simulate,
-)
+from diagnosis.simulated import CELL, NOISE, PLAN, UNKNOWN_NOISE, check_parameters, deviations, effect, named, simulate
 
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
@@ -161,11 +150,6 @@ def test_what_is_stated_is_kept():
     stated = BY_AXIS._replace(force_relative=0.0)
     found = diagnose(calibrate(with_noise(BY_AXIS, 4), replace(CELL, noise=stated)))
     assert (found.verdict, found.refitted.noise) == ('none', stated)
-
-
-def test_noise_that_grows_hides_no_disc_of_another_radius():
-    law, values = effect('object_radius[disc_2]'), (6e-5,)
-    check_explained(diagnose(calibrate(with_noise(GROWING, 5, (law, values)), UNKNOWN_NOISE)), law.label, values)
 
 
 def test_a_disc_of_another_radius_is_no_noise():

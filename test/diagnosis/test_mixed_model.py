@@ -137,16 +137,6 @@ def test_the_sizes_come_from_the_touches(factor, limits):
     assert limits[0] < np.exp(model.solved.logs[-1]) < limits[1]
 
 
-def test_no_start_leads_to_another_robot():
-    """Errors three times typical: begun with the usual noise, the gripper's compliance went below zero."""
-    setup, robot, touches = draw(Task('paper', 'outside', 3.0, True, 'estimated', 50007))
-    plain = calibrate(touches, setup.cell)
-    found = diagnose(plain)
-    final = found.extended or found.refitted or plain
-    assert final.parameters.p_ee > 0
-    assert judge(final, robot, 0)['coverage'] > 0.7
-
-
 def test_other_tails_begin_where_the_fit_is():
     effect = find(CELL, 'encoder_gain[joint1]')
     robot = ExtendedModel(PAPER_ACTUAL, (effect,), ((1e-4,),))

@@ -24,12 +24,6 @@ def test_a_size_is_the_reduced_chi_square_of_the_twelve() -> None:
     assert np.mean(fits) == pytest.approx(2.0, abs=0.15)
 
 
-def test_an_alias_of_the_twelve_has_no_size() -> None:
-    (found,) = at_sizes(PAPER, random_effect(find(PAPER.cell, 'link_bending[link2]'), seed=0), (1.3,))
-    assert found.simulated is None
-    assert 'plausible sizes' in found.reason
-
-
 def test_a_task_gives_a_record_per_size_and_noise_that_the_tables_take() -> None:
     records = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, sizes=(2.0,)))
     assert [(r.size, r.noise) for r in records] == [(2.0, noise) for noise in NOISES]

@@ -53,7 +53,7 @@ def test_the_derivative_and_many_widths_at_once():
 
 def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
     random = np.random.default_rng(4)
-    for _ in range(40):
+    for _ in range(10):
         load = np.round(random.normal(0, 5, (60, 2)) * random.integers(0, 2, (60, 1)), 1)  # back to 0 again and again
         last = random.normal(0, 5, 2)
         few = load[remembered([(one, other) for one, other in load.tolist()])]
@@ -81,9 +81,9 @@ def test_torques_in_both_frames(robot):
 def test_friction_that_grows_with_the_load() -> None:
     """Against its definition |C - p| ≤ r + μ |p|, one small step after the other, and its derivatives."""
     random = np.random.default_rng(4)
-    turns, r, mu = random.uniform(-10.0, 10.0, (20, 5)), 0.7, 0.35
+    turns, r, mu = random.uniform(-10.0, 10.0, (8, 4)), 0.7, 0.35
     found = play_operator(turns[:, :-1], turns[:, -1], r, mu)
-    value, here = np.zeros(20), np.zeros(20)
+    value, here = np.zeros(8), np.zeros(8)
     for turn in turns.T:
         for load in np.linspace(here, turn, 301)[1:]:
             for _ in range(60):  # friction lets through what it cannot hold
