@@ -12,24 +12,6 @@ from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.touch import play_limits, play_operator, play_range, remembered, torques_of
 
 
-def driven(load: np.ndarray, half_width: float) -> float:
-    """A play driven in small steps: a block of half width r that is pushed along."""
-    block = 0.0
-    for begin, end in zip([0.0, *load[:-1]], load, strict=True):
-        for value in np.linspace(begin, end, 200):
-            block = value - half_width if value - block > half_width else block
-            block = value + half_width if value - block < -half_width else block
-    return block
-
-
-@pytest.mark.parametrize('half_width', [0.1, 1.0, 3.0, 20.0])
-def test_a_play_is_a_block_that_is_pushed_along(half_width):
-    for seed in range(5):
-        load = np.random.default_rng(seed).normal(0.0, 4.0, 12)
-        state = play_operator(load[None, :-1], load[-1:], half_width)
-        assert state[0][0] == pytest.approx(driven(load, half_width), abs=1e-12)
-
-
 def test_loaded_from_zero_it_lags_by_its_half_width_and_keeps_as_much_unloaded():
     loads = np.array([-9.0, -1.0, 0.5, 7.0])
     nothing = np.empty((4, 0))
