@@ -92,13 +92,6 @@ def test_an_alias_has_the_name_of_the_simpler_effect_and_the_parameters_are_righ
     check_explained(examined('cable_pull[joint2]', (8e-5, 0.0, 0.0))[1], 'encoder_gain[joint2]', (8e-5,))
 
 
-def test_a_weak_cable_is_a_rival_of_the_gain_that_it_contains():
-    _, found = examined('cable_pull[joint1]', (1.1e-6, -1.4e-7, 2.8e-6), seed=11)
-    assert found.verdict in ('none', 'ambiguous')  # it is smaller than typical
-    assert 'encoder_gain[joint1]' not in named(found)
-    assert np.abs(deviations(found.extended or found.refitted)).max() < 4
-
-
 def test_an_oval_tip_on_pins_is_told_from_a_backlash():
     """On discs of 5 mm the oval turns the force by 2 d / r."""
     pins = replace(CELL, discs=tuple(disc._replace(radius=0.005) for disc in CELL.discs))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import conclude_outcome
-from diagnosis.simulated import CELL, NOISE, PLAN, UNKNOWN_NOISE, check_parameters, deviations, effect, named, simulate
+from diagnosis.simulated import CELL, MORE, NOISE, UNKNOWN_NOISE, check_parameters, deviations, effect, named, simulate
 
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
@@ -87,7 +87,7 @@ def test_the_score_test_of_off_normal_angles_is_calibrated():
 
 
 def test_noise_that_grows_with_the_force_is_no_friction():
-    data = simulate(seed=7)
+    data = simulate(seed=7, plan=MORE)
     size = np.hypot(*data.force.T)[:, None]
     noisy = data.replace(force=data.force + 0.04 * size * np.random.default_rng(7).standard_normal((len(data), 2)))
     fit = calibrate(noisy, UNKNOWN_NOISE)
@@ -119,7 +119,7 @@ BY_AXIS = Noise((0.4e-5, 1.36e-5), (0.41, 0.103))
 
 def with_noise(noise, seed, *effects):
     laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
-    return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, laws, values), PLAN, noise, seed)
+    return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, laws, values), MORE, noise, seed)
 
 
 def test_noise_that_grows_is_found_beside_stated_levels_and_said():
