@@ -104,10 +104,6 @@ class Noise(NamedTuple):
         """Standard deviation of a component of a force of some magnitude, rms over the axes, N."""
         return float(np.hypot(self.force_rms, self.growth * magnitude)) if self.growth else self.force_rms
 
-    def with_rms(self, joint: float, force: float) -> Noise:
-        """The same ratios of the axes and the same growth, with other levels."""
-        return Noise(_with_rms(self.joint, joint), _with_rms(self.force, force), self.force_relative)
-
     def check(self) -> None:
         """Whether it can be that of a measurement.
 
@@ -169,10 +165,6 @@ def _pair(level: Level) -> tuple[float, float]:
 def _rms(level: Level) -> float:
     first, second = _pair(level)
     return float(np.sqrt((first**2 + second**2) / 2)) if first != second else first
-
-
-def _with_rms(level: Level, rms: float) -> Level:
-    return rms if isinstance(level, (int, float)) else (rms / _rms(level) * level[0], rms / _rms(level) * level[1])
 
 
 BASE_FRAME = 'base_link'
