@@ -64,9 +64,9 @@ def largest_error(cell: Cell, parameters: Parameters) -> float:
     largest = 0.0
     for posture in (1, -1):
         side = np.full(len(tips), posture)
-        joints = inverse_kinetostatics(PAPER_ACTUAL, tips, loads, side, cell.gripper)[0]
+        joints = inverse_kinetostatics(PAPER_ACTUAL, tips, loads, side, cell.gripper_sign)[0]
         known = np.isfinite(joints).all(axis=1)
-        found = direct_kinetostatics(parameters, joints[known], loads[known], cell.gripper)[0]
+        found = direct_kinetostatics(parameters, joints[known], loads[known], cell.gripper_sign)[0]
         largest = max(largest, float(np.hypot(*(found - tips[known]).T).max()))
     return largest
 

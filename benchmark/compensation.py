@@ -139,7 +139,7 @@ def _calibrated(setup: Setup, random: np.random.Generator) -> tuple[Parameters, 
 
 def _inside(arm: CalibratedArm, robot: Parameters, poses: Poses) -> dict[str, Floats]:
     """Whether the truth is within the interval, by function."""
-    predictor, gripper = Predictor(arm), arm.cell.gripper
+    predictor, gripper = Predictor(arm), arm.cell.gripper_sign
     joints, _ = inverse_kinetostatics(robot, *poses, gripper)
     found = predictor.locate(joints, poses.force)
     angles = predictor.compensate(*poses)

@@ -331,7 +331,7 @@ def judge(final: Calibration, robot: ExtendedModel, seed: int) -> dict[str, floa
     arm, noise = final.arm, final.contributions[0].covariance
     found = Predictor(arm).locate(joints, force, metadata)
     by_noise = Predictor(replace(arm, covariance=noise)).locate(joints, force, metadata).covariance
-    true, _ = direct_kinetostatics(robot, joints, force, final.cell.gripper, metadata)
+    true, _ = direct_kinetostatics(robot, joints, force, final.cell.gripper_sign, metadata)
     known = np.isfinite(found.covariance[:, 0, 0]) & found.loaded
     error, covariance, by_noise = (found.position - true)[known], found.covariance[known], by_noise[known]
     square = (error * np.linalg.solve(covariance, error[:, :, None])[:, :, 0]).sum(axis=1)

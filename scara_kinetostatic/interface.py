@@ -277,7 +277,7 @@ def predict_force(
         for _ in range(3 if c.cell.has_outlines else 1):  # the tip decides on edge or corner
             o = observe(touched, c.cell, c.errors)
             found = contact(
-                c.full_model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata, tangents=o.tangents
+                c.full_model, joints, o.centers, o.radii, c.cell.gripper_sign, metadata=o.metadata, tangents=o.tangents
             )
             if c.cell.has_outlines:
                 nearest = c.cell.surfaces.nearest(c.cell.surfaces.distances(found.tip), disc)

@@ -23,7 +23,7 @@ from benchmark.diagnosis.cells import (
     simulate,
 )
 from benchmark.diagnosis.record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
-from benchmark.diagnosis.unlisted import UNLISTED, unlisted
+from benchmark.diagnosis.unlisted import UNLISTED, StiffGripper, unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
@@ -119,12 +119,12 @@ def _alias(task: Task, setup: Setup) -> SimulatedEffects:
 
 
 def _touches(task: Task, setup: Setup, simulated: SimulatedEffects, seed: int) -> TouchSet:
-    """The touches; a gripper that is stiffer along link 2 by a tenth to 0.8 of p_ee is no effect but the cell's."""
+    """The touches; a gripper that is stiffer along link 2 by a tenth to 0.8 of p_ee is none of the effects."""
     if task.labels != ALIASES[1:]:
         return simulate(setup, simulated, seed=seed)
     part = np.random.default_rng([task.seed, 2]).uniform(0.1, 0.8)
-    excess = ((-part * setup.truth.p_ee, 0.0), (0.0, 0.0))
-    return simulate(setup._replace(cell=replace(setup.cell, gripper_excess=excess)), simulated, seed=seed)
+    stiffer = SimulatedEffects((StiffGripper(),), (np.array([part * setup.truth.p_ee]),))
+    return simulate(setup, stiffer, seed=seed)
 
 
 def diagnosed(record: Record, setup: Setup, simulated: SimulatedEffects, touches: TouchSet) -> Record:

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from benchmark.diagnosis.cells import Setup, SimulatedEffects, seed_of
-from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect
+from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, LinearEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import Parameter, TouchState
+from scara_kinetostatic.model.effect_law import Parameter, Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,21 @@ class OvalDisc(DiscEffect):
         angle = 2 * np.arctan2(at.normal[:, 1], at.normal[:, 0])
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
         return c * at.normal - 2 * s * at.tangent, s * at.normal + 2 * c * at.tangent
+
+
+class StiffGripper(LinearEffect):
+    """The gripper yields less along link 2 than across it, an alias of p_ee and p2: d = excess (F·v) v."""
+
+    name: ClassVar[str] = 'stiff_gripper'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('excess', 'm/N', 1e-5, 'stiffness along link 2'),)
+    statement: ClassVar[str] = 'the gripper is stiffer along link 2'
+    confounded_with: ClassVar[str] = 'p_ee and p2, always'
+    identified_by: ClassVar[str] = 'no touches'
+    plot_variable: ClassVar[str] = 'direction_from_link2'
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        """The part of the force along link 2, along link 2."""
+        return (Shift(place=(at.force * at.link2).sum(axis=1)[:, None] * at.link2),)
 
 
 @dataclass(frozen=True)

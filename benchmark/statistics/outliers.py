@@ -137,7 +137,7 @@ def _slipped(setup: Setup, touches: TouchSet, which: NDArray[np.intp], amount: F
     tangent = np.stack([-inward[:, 1], inward[:, 0]], axis=1)
     joints, force = touches.joints.copy(), touches.force.copy()
     force[which] = plan.force[:, None] * (inward + amount[:, None] * tangent)
-    turned, _ = inverse_kinetostatics(setup.truth, plan.contact(CELL), force[which], plan.posture, CELL.gripper)
+    turned, _ = inverse_kinetostatics(setup.truth, plan.contact(CELL), force[which], plan.posture, CELL.gripper_sign)
     before = joints[which]
     joints[which] = before + (turned - before + np.pi) % (2 * np.pi) - np.pi
     return touches.replace(joints=joints, force=force)

@@ -99,7 +99,7 @@ def _draw(there: Reference, task: Task, number: int) -> Floats:
     c = calibrate(world.reported(touches), there.setup.cell, warm_start=start)
     joints, force = there.at.joints[None], there.at.force[None]
     tips = [
-        direct_kinetostatics(model, joints, force, there.setup.cell.gripper)[0][0]
+        direct_kinetostatics(model, joints, force, there.setup.cell.gripper_sign)[0][0]
         for model in (c.model, ExtendedModel(robot))
     ]
     return np.append(c.parameters.as_array() - robot.as_array(), there.at.direction @ (tips[0] - tips[1]))

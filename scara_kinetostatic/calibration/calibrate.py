@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import without_sources
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, covariance_of_fit, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
@@ -24,7 +24,7 @@ from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters, implausible_size
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.model.touch_equations import has_no_sure_sign
 
@@ -47,7 +47,7 @@ def calibrate(
         start: where to begin, its effects being those of the fit; by default the nominal values and the start values
             of `effects`.
         fixed: parameters to hold, by name, at these values; those of `effects` by label and name, such as
-            ``encoder_gain[joint1].gain``. The declared uncertainty of an effect that is held does not count.
+            ``encoder_gain[joint1].gain``.
         warm_start: an earlier fit of the same touches close to this one, with the same effects; the coarse stage is
             then left out.
 
@@ -57,8 +57,9 @@ def calibrate(
         gravity, touches that do not tell the flank of a joint are left out: they are in `rejected`, not in `touches`.
 
     Raises:
-        ParameterError: `fixed` names no parameter, gives a senseless value, or leaves nothing free; a
-            touch names no disc of the cell; `start` or `warm_start` has other effects.
+        ParameterError: `fixed` names no parameter, gives a senseless value, holds an effect whose size the cell
+            declares as uncertain, or leaves nothing free; a touch names no disc of the cell; `start` or `warm_start`
+            has other effects.
         UnsupportedDataError: too few touches for the free parameters, touches so much
             alike that they determine less than half of them, or a fit that diverges.
         InputError: the forces do not point at the discs.
@@ -80,9 +81,7 @@ def calibrate(
         remedy = 'take it from catalogue(cell), by its label'
         raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
     start = _start(cell, effects, start, fixed)
-    held_laws = [law for law in start.effects if all(f'{law.label}.{p.name}' in fixed for p in law.parameters)]
-    if sources := {getattr(law, 'declared_as', '') or law.label for law in held_laws if law.parameters}:
-        cell = without_sources(cell, sources)
+    _check_held(start, cell, fixed)
     if warm_start is not None:
         if warm_start.model.effects != start.effects:
             raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
@@ -241,9 +240,20 @@ def _start(
     if all(name in fixed for name in start.parameters.names):
         count = 'fourteen' if start.parameters.has_gravity else 'twelve'
         raise ParameterError('fixed parameters', f'all {count} are fixed', 'leave one free at least')
+    check_units(fixed, cell.nominal)
     start = _with_fixed(start, fixed)
     start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start
+
+
+def _check_held(model: ExtendedModel, cell: Cell, fixed: Mapping[str, float]) -> None:
+    """Refuses an effect that is held, and an unknown error of the cell as well."""
+    declared = DeclaredErrors.of(cell)
+    for law in model.effects if declared else ():
+        source = getattr(law, 'declared_as', '') or law.label
+        if declared and source in declared.places and all(f'{law.label}.{p.name}' in fixed for p in law.parameters):
+            problem = f'is held, and the cell description declares an uncertainty of {source}'
+            raise ParameterError(f'fixed effect {law.label}', problem, 'correct the cell description instead')
 
 
 def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedModel:
@@ -254,7 +264,7 @@ def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedMod
 
 
 def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:
-    """Parameters to hold, each with a number of a plausible size.
+    """Parameters to hold, each with a finite number.
 
     Raises:
         ParameterError: one has not.
@@ -264,15 +274,13 @@ def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
             raise ParameterError(f'fixed parameter {name}', f'expected a number, got {value!r:.40}')
-        _check_size('fixed parameter', name, float(value), f'{value:g}')
+        _check_finite('fixed parameter', name, float(value), f'{value:g}')
     return values
 
 
-def _check_size(where: str, name: str, value: float, text: str) -> None:
+def _check_finite(where: str, name: str, value: float, text: str) -> None:
     if not np.isfinite(value):
         raise ParameterError(f'{where} {name}', f'expected a finite number, got {text}')
-    if implausible := implausible_size(value, UNITS.get(name, '')):
-        raise ParameterError(f'{where} {name}={text}', *implausible)
 
 
 def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]]:
@@ -314,7 +322,7 @@ def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
         number = float(value)
     except ValueError:
         raise ParameterError(f'{where} {name}', f'expected a number, got {value!r}') from None
-    _check_size(where, name, number, value)
+    _check_finite(where, name, number, value)
     return name, number
 
 

@@ -20,15 +20,15 @@ Observations and Least Squares (1976), on parameters observed directly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.effects.undetected import Column, Undetected, derivatives
-from scara_kinetostatic.model.arrays import Floats, Indices, pick
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import EffectLaw, TouchState
 from scara_kinetostatic.model.kinematics import rotate
@@ -104,50 +104,46 @@ class DeclaredErrors:
         ends = np.cumsum([source.components for source in self.sources]).tolist()
         return {s.label: np.arange(end - s.components, end) for s, end in zip(self.sources, ends, strict=True)}
 
-    def _unit(self, label: str) -> Floats:
-        """What each error changes of a source of one component, (m,), in its unit; zeros where it is not declared."""
-        return self._unit_changes(label)[0]
-
-    def _unit_changes(self, label: str) -> Floats:
-        """What each error changes of the components of a source, (1 or 2, m), in its unit; zeros where not declared."""
-        if label not in self.places:
-            return np.zeros((2, self.count))
-        return np.eye(self.count)[self.places[label]] * self.units
+    def _changes(self, label: str) -> Complexes:
+        """What each error changes of a source, (m,), in its unit; of a place x + iy; zeros where it is not declared."""
+        found = np.zeros(self.count, dtype=complex)
+        if label in self.places:
+            place = self.places[label]
+            found[place] = self.units[place] * np.array([1, 1j])[: len(place)]
+        return found
 
     @cached_property
-    def _by_disc(self) -> _ByDisc:
+    def _by_surface(self) -> _BySurface:
         discs, plates = self.cell.discs, {plate.name: plate for plate in self.cell.plates}
-        of_discs = _ByDisc(
-            np.array([(plates[d.plate].x, plates[d.plate].y) if d.plate else (0.0, 0.0) for d in discs]),
-            np.array([self._unit_changes(f'object_position[{d.name}]') for d in discs]),
-            np.array([self._unit_changes(f'plate_position[{d.plate}]') for d in discs]),
-            np.array([self._unit(f'plate_angle[{d.plate}]') for d in discs]),
-            np.array([self._unit(f'{_size(d)}[{d.name}]') + self._unit('radius') for d in discs]),
-            np.array([self._unit(f'object_rotation[{d.name}]') for d in discs]),
+        changes = self._changes
+        of_discs = _BySurface(
+            np.array([complex(plates[d.plate].x, plates[d.plate].y) if d.plate else 0j for d in discs]),
+            np.array([complex(d.x, d.y) for d in discs]),
+            np.array([changes(f'object_position[{d.name}]') for d in discs]),
+            np.array([changes(f'plate_position[{d.plate}]') for d in discs]),
+            np.array([changes(f'plate_angle[{d.plate}]').real for d in discs]),
+            np.array([(changes(f'{_size(d)}[{d.name}]') + changes('radius')).real for d in discs]),
+            np.array([changes(f'object_rotation[{d.name}]').real for d in discs]),
         )
         return pick(of_discs, self.cell.surfaces.object)
 
+    def _arms(self, errors: Floats) -> tuple[Complexes, Complexes, Complexes]:
+        """Of each surface, (D,), complex: the unit vector of its plate, and the vectors to its centre from the origin
+        of the plate and from the reference point of the object, all turned, m.
+        """
+        d = self._by_surface
+        plate = np.exp(1j * (d.angle @ errors))
+        own = plate * np.exp(1j * (d.turn @ errors)) * (as_complex(self.cell.surfaces.centers) - d.reference)
+        return plate, plate * (d.reference - d.origin + d.own @ errors) + own, own
+
     def centers(self, errors: Floats) -> Floats:
         """Centres of the surfaces, those of discs in turn, (D, 2), m."""
-        d = self._by_disc
-        return d.origin + d.carried @ errors + rotate(self._from_origin(errors), d.angle @ errors)
+        d = self._by_surface
+        return pairs(d.origin + d.carried @ errors + self._arms(errors)[1])
 
     def radii(self, errors: Floats) -> Floats:
         """Their radii, (D,), m."""
-        return np.asarray(self.cell.surfaces.radii + self._by_disc.radius @ errors)
-
-    def _from_origin(self, errors: Floats) -> Floats:
-        """Centres relative to the origins of the plates before these are turned, (D, 2), m."""
-        return np.asarray(self._turned(errors) - self._by_disc.origin + self._by_disc.own @ errors)
-
-    def _turned(self, errors: Floats) -> Floats:
-        """Centres after the rotations of outlines about their reference points, (D, 2), m."""
-        own = self.cell.surfaces.centers - self._reference
-        return self._reference + rotate(own, self._by_disc.turn @ errors)
-
-    @cached_property
-    def _reference(self) -> Floats:
-        return self.cell.centers[self.cell.surfaces.object]
+        return np.asarray(self.cell.surfaces.radii + self._by_surface.radius @ errors)
 
     def tangents(self, errors: Floats) -> Floats:
         """Unit vectors along the straight edges, (D, 2); zero of arcs."""
@@ -156,11 +152,12 @@ class DeclaredErrors:
     @cached_property
     def rotation(self) -> Floats:
         """Rotation of each surface by the errors, (D, m), rad."""
-        return self._by_disc.angle + self._by_disc.turn
+        return self._by_surface.angle + self._by_surface.turn
 
     def sensor(self, errors: Floats) -> tuple[float, float]:
         """Errors of the force sensor's gain, relative, and rotation, rad."""
-        return float(self._unit('force_gain') @ errors), float(self._unit('force_rotation') @ errors)
+        gain, angle = (self._changes(label).real @ errors for label in ('force_gain', 'force_rotation'))
+        return float(gain), float(angle)
 
     def true_force(self, reported: Floats, errors: Floats) -> Floats:
         """Reported forces (n, 2) in N without the errors of gain and rotation."""
@@ -169,20 +166,14 @@ class DeclaredErrors:
 
     def by_disc(self, errors: Floats) -> tuple[Floats, Floats]:
         """Derivatives of the centres, (D, 2, m), and of the radii, (D, m), by the errors, m."""
-        d = self._by_disc
-        angle = d.angle @ errors
-        own = rotate(d.own.swapaxes(1, 2), angle[:, None]).swapaxes(1, 2)
-        arm = rotate(self._from_origin(errors), angle + np.pi / 2)
-        by_centers = own + d.carried + arm[:, :, None] * d.angle[:, None, :]
-        if self.cell.has_outlines:
-            arm = rotate(self._turned(errors) - self._reference, angle + np.pi / 2)
-            by_centers = by_centers + arm[:, :, None] * d.turn[:, None, :]
-        return by_centers, d.radius
+        d, (plate, arm, own) = self._by_surface, (part[:, None] for part in self._arms(errors))
+        by_centers = d.carried + plate * d.own + 1j * (arm * d.angle + own * d.turn)
+        return np.stack([by_centers.real, by_centers.imag], axis=1), d.radius
 
     def by_force(self, errors: Floats) -> tuple[Floats, Floats]:
         """Relative change of a force along itself, and across, by the errors, (m,) each."""
         gain, _ = self.sensor(errors)
-        return -self._unit('force_gain') / (1 + gain), -self._unit('force_rotation')
+        return -self._changes('force_gain').real / (1 + gain), -self._changes('force_rotation').real
 
     @cached_property
     def prior(self) -> Prior:
@@ -201,43 +192,23 @@ class DeclaredErrors:
         )
 
 
-def without_sources(cell: Cell, labels: Set[str]) -> Cell:
-    """The cell with some sources of uncertainty taken as exactly known: what is held at a value is no unknown error.
-
-    Args:
-        cell: as stated.
-        labels: of sources; others are ignored.
-    """
-
-    def left(item: Any, **kinds: str) -> Any:
-        zero = [name for name, kind in kinds.items() if name in item._fields and f'{kind}[{item.name}]' in labels]
-        return item._replace(**dict.fromkeys(zero, 0.0))
-
-    of_disc = {'center_std': 'object_position', 'angle_std': 'object_rotation'}  # the latter of outlines alone
-    common: dict[str, Any] = {name: 0.0 for name in ('radius', 'force_gain', 'force_rotation') if name in labels}
-    return replace(
-        cell,
-        discs=tuple(left(d, radius_std=_size(d), **of_disc) for d in cell.discs),
-        plates=tuple(left(p, center_std='plate_position', angle_std='plate_angle') for p in cell.plates),
-        uncertainty=replace(cell.uncertainty, **common),
-    )
-
-
-class _ByDisc(NamedTuple):
-    """What each unit error does to each of D discs; zero where it has nothing to do with it.
+class _BySurface(NamedTuple):
+    """What each unit error does to each of D surfaces; zero where it has nothing to do with it.
 
     Attributes:
-        origin: of its plate, (D, 2), m; zero where there is none.
-        own: displacement on the plate, (D, 2, m), m.
-        carried: displacement of the plate, (D, 2, m), m.
+        origin: of its plate, (D,), complex, m; zero where there is none.
+        reference: reference point of its object, (D,), complex, m.
+        own: displacement on the plate, (D, m), complex, m.
+        carried: displacement of the plate, (D, m), complex, m.
         angle: rotation of the plate, (D, m), rad.
         radius: change of the radius, (D, m), m.
         turn: rotation about the reference point, (D, m), rad.
     """
 
-    origin: Floats
-    own: Floats
-    carried: Floats
+    origin: Complexes
+    reference: Complexes
+    own: Complexes
+    carried: Complexes
     angle: Floats
     radius: Floats
     turn: Floats

@@ -26,16 +26,15 @@ from scara_kinetostatic.calibration.fit_point import (
     fitted_surfaces,
     project,
     select,
-    turn_radial,
 )
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, estimated_levels
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pick
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
@@ -181,7 +180,7 @@ def _begin(
     first = _Round(ROBUST, some, noise, everything, none)
     if cell.has_outlines:
         observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
-    adjusted = turn_radial(observations, fit.point)
+    adjusted = as_radial(observations, fit.point.model, fit.point.adjusted.state)
     return observations.with_errors(observations.errors), fit.point.model, adjusted, first, fit.iterations
 
 
@@ -267,19 +266,14 @@ def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
         covariance: of all values of the model and the declared errors, (12 + k + m, 12 + k + m).
         used: which touches took part in the fit.
     """
-
-    def distance(part: slice) -> Floats:
-        here, sign = pick(whitened, part), np.where(used[part], -1.0, 1.0)
-        jacobian = here.jacobian.T
-        moved = np.tensordot(covariance, jacobian, 1)
-        s11, s21, s22 = (sign * (moved[:, i] * jacobian[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
-        mean, half = 1.0 + (s11 + s22) / 2, (s11 - s22) / 2
-        turned = as_complex(here.residual) * np.exp(-0.5j * np.arctan2(s21, half))  # along the principal axes
-        # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
-        first, second = np.maximum(mean + np.multiply.outer((1.0, -1.0), np.hypot(half, s21)), 1e-3)
-        return np.asarray(turned.real**2 / first + turned.imag**2 / second)
-
-    return in_blocks(len(used), distance)
+    jacobian, sign = whitened.jacobian.T, np.where(used, -1.0, 1.0)
+    moved = np.tensordot(covariance, jacobian, 1)
+    s11, s21, s22 = (sign * (moved[:, i] * jacobian[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
+    mean, half = 1.0 + (s11 + s22) / 2, (s11 - s22) / 2
+    turned = as_complex(whitened.residual) * np.exp(-0.5j * np.arctan2(s21, half))  # along the principal axes
+    # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
+    first, second = np.maximum(mean + np.multiply.outer((1.0, -1.0), np.hypot(half, s21)), 1e-3)
+    return np.asarray(turned.real**2 / first + turned.imag**2 / second)
 
 
 def find_good(distance: Floats) -> Mask:

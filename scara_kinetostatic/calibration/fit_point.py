@@ -23,8 +23,8 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     squared_distance,
     whiten,
 )
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks
-from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, pick, put
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, pick, put
 from scara_kinetostatic.model.cell import Cell, Noise, force_covariance
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
@@ -125,27 +125,14 @@ def evaluate(
     stage: Stage = FINAL,
     arm: Arm | None = None,
 ) -> Point:
-    """The adjustment linearised and whitened at one model, block by block; `arm` saves work where that of the adjusted
-    state is known.
-    """
-
-    def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
-        arm_there = arm if arm is None or where is EVERY else arm.select(where)
-        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage, arm_there)
-
-    return Point(model, adjusted, *in_blocks(len(observations.joints), part), observations.errors)
-
-
-def _evaluate(
-    observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage, arm: Arm | None
-) -> tuple[Linearisation, Whitened, Floats]:
+    """The adjustment linearised and whitened at a model; `arm` saves work where that of the adjusted state is known."""
     linear = linearise(observations, model, adjusted, arm)
     extra: Floats | float = 0.0
     if not stage.adjusts:  # the error of the measured direction of the force, in V11, m²
         force = observations.force
         extra = (observations.radii * force_covariance(noise, force).across / (force**2).sum(axis=-1)) ** 2
     whitened = whiten(linear, noise, extra)
-    return linear, whitened, squared_distance(whitened)
+    return Point(model, adjusted, linear, whitened, squared_distance(whitened), observations.errors)
 
 
 def last_step(point: Point, change: Floats) -> Point:
@@ -168,36 +155,18 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
         frozen: whether every joint stays on its flank.
     """
     model, errors = point.changed(change)
-    observations = observations.with_errors(errors)
-
-    def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
-        o, (_, adjusted, linear, whitened, *_) = observations.select(where), select(point, where)
-        if stage.adjusts:
-            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, frozen)
-        else:
-            adjusted, arm = as_measured(o, model, adjusted.state)
-        return adjusted, *_evaluate(o, model, adjusted, noise, stage, arm)
-
+    observations, adjusted = observations.with_errors(errors), point.adjusted
     with np.errstate(all='ignore'):
-        return Point(model, *in_blocks(len(observations.joints), part), errors)
+        if stage.adjusts:
+            adjusted, arm = adjust(observations, model, adjusted, point.linear, point.whitened, change, frozen)
+        else:
+            adjusted, arm = as_measured(observations, model, adjusted.state)
+        return evaluate(observations, model, adjusted, noise, stage, arm)
 
 
 def select(point: Point, which: Mask | Indices | slice) -> Point:
     """The touches of a point that a mask, an array of positions or a slice picks."""
     return Point(point.model, *pick(point[1:5], which), point.errors)
-
-
-def turn_radial(observations: Observations, point: Point) -> Adjusted:
-    """The observations as measured but for the direction of the force, which is made radial.
-
-    From here the adjustment proper can start: measured directions are not good enough to linearise at.
-    """
-
-    def part(where: slice) -> Adjusted:
-        return as_radial(observations.select(where), point.model, pick(point.adjusted.state, where))
-
-    with np.errstate(all='ignore'):
-        return in_blocks(len(observations.joints), part)
 
 
 def project(observations: Observations, model: ExtendedModel, noise: Noise) -> Point:
@@ -211,7 +180,7 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
     held = observations.with_errors_held()
     with np.errstate(all='ignore'):
         point = evaluate(held, model, first_guess(held, model), noise, COARSE)
-        point = evaluate(held, model, turn_radial(held, point), noise)
+        point = evaluate(held, model, as_radial(held, model, point.adjusted.state), noise)
         # five rounds suffice for forces along the normal; with off-normal angles some touches need more
         point, moving = _in_rounds(held, point, noise, 5)
         if len(moving):
@@ -263,28 +232,24 @@ def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Ind
 
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
-
-    def part(where: slice) -> Floats:
-        o = observations.select(where)
-        measured = base_force(o, model)
-        off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
-        at, known = o.contact_problem(o.joints)[:4], o.metadata
-        found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
-        return measured - found.force
-
-    return in_blocks(len(observations.joints), part)
+    o, measured = observations, base_force(observations, model)
+    off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
+    at, known = o.contact_problem(o.joints)[:4], o.metadata
+    found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
+    return measured - found.force
 
 
 def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:
     """Off-normal angle of each measured force, (n,), rad."""
     o = observations
     state = first_guess(o, model).state
-    link1 = state.link1 + model.parameters.theta1
-    link2 = link1 + state.link2 + model.parameters.theta2
     force = base_force(o, model)
-    at = Law(model, o.gripper).loading(link1, link2, Force.of(force))
     tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
-    inward = o.contact_problem(o.joints).shifted(model, state).inward(tip + np.array(at.offset).T)
+    inward = (
+        o.contact_problem(o.joints)
+        .shifted(model, state)
+        .inward(tip + np.array(Law(model, o.gripper).offset(Force.of(force))).T)
+    )
     across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))
 

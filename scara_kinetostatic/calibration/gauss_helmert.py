@@ -287,22 +287,24 @@ def nearest_flanks(
     return State(*(np.array(part)[best, each] for part in zip(*trials, strict=True))), apart.min(axis=0)
 
 
+@np.errstate(all='ignore')
 def as_radial(observations: Observations, model: ExtendedModel, state: State) -> Adjusted:
     """The observations as measured but for the direction of the force, which points from the tip to the disc's centre.
+
+    From here the adjustment proper can start: measured directions are not good enough to linearise at.
 
     Args:
         observations: the data.
         model: the model.
         state: where the tips are.
     """
+    o = observations
     if model.parameters.has_gravity:
-        state, _ = nearest_flanks(observations, model, state)
-    o, force = observations, _turned_radial(observations, model, state)
-    off_normal = np.zeros(len(force)) if model.off_normal_std else None
+        state, _ = nearest_flanks(o, model, state)
+    force, off_normal = _turned_radial(o, model, state), np.zeros(len(o.joints)) if model.off_normal_std else None
     state = place_force(o, model, o.joints, force, state)
-    return Adjusted(
-        o.joints, force, solve_links(model, o.contact_problem(o.joints, off_normal), state, again=True)[0], off_normal
-    )
+    state, _ = solve_links(model, o.contact_problem(o.joints, off_normal), state, again=True)
+    return Adjusted(o.joints, force, state, off_normal)
 
 
 def as_measured(observations: Observations, model: ExtendedModel, state: State) -> tuple[Adjusted, Arm]:

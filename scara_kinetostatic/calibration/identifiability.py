@@ -25,10 +25,9 @@ from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, 
 from scara_kinetostatic.calibration.least_squares import Compressed, compress, upper_triangle
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.arrays import Floats, Indices, pick
-from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
@@ -82,7 +81,6 @@ class Identifiability:
             a group of one is a parameter that the data do not determine at all.
         combinations: what of each pair is determined all the same.
         advice: which touches would cure it; empty where nothing is confounded.
-        notes: what the shapes of the touched objects leave free, in words.
     """
 
     rank: int
@@ -90,7 +88,6 @@ class Identifiability:
     confounded: tuple[tuple[str, ...], ...] = ()
     combinations: tuple[Combination, ...] = ()
     advice: str = ''
-    notes: tuple[str, ...] = ()
 
 
 def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise | None) -> Floats:
@@ -287,25 +284,3 @@ def advise(groups: tuple[tuple[str, ...], ...], mean_force: float) -> str:
             cure = next((cure for names, cure in cures if set(group) <= names), cures[-1][1])
             sentences.append(f'{" and ".join(group)} cannot be told apart; add {cure}')
     return '. '.join(sentences)
-
-
-def shape_notes(cell: Cell, touched: Indices) -> tuple[str, ...]:
-    """What the shapes of the touched objects leave free, in words.
-
-    Args:
-        cell: the cell.
-        touched: numbers of the touched surfaces.
-    """
-    surfaces = cell.surfaces.select(np.unique(touched))
-    if surfaces.is_edge.all():
-        (x, y), *_ = surfaces.tangents
-        if np.abs(surfaces.tangents @ (-y, x)).max() < 1e-6:
-            which = 'one straight edge is touched' if len(surfaces.radii) == 1 else 'all touched edges are parallel'
-            free = f'the place of the base along it, direction ({x:.3f}, {y:.3f}), is free'
-            return (f'{which}: {free}; touch an edge in another direction, a corner or a disc',)
-    number = int(surfaces.object[0])
-    item = cell.discs[number]
-    if isinstance(item, Outline) and (surfaces.object == number).all() and (count := item.symmetry) > 1:
-        alike = f'{item.name} looks the same in {count} positions, and it alone is touched'
-        return (f'{alike}: {count} places and rotations of the base fit alike; the nominal values decide which',)
-    return ()

@@ -1,8 +1,7 @@
 """Linear least squares as the solver needs it: compression by QR, damped steps and covariance by SVD, robust loss.
 
-The system J y = -r of 2n rows is compressed to the triangle R of its QR factorisation, block by block, so that memory
-stays bounded and JᵀJ is never formed; the singular value decomposition of R gives any damped step, the covariance and
-the null space.
+The system J y = -r of 2n rows is compressed to the triangle R of its QR factorisation, so that JᵀJ is never formed; the
+singular value decomposition of R gives any damped step, the covariance and the null space.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
-from scara_kinetostatic.calibration.observations import blocks
 from scara_kinetostatic.model.arrays import Floats, Mask
 
 _CAUCHY = 6.0
@@ -41,7 +39,7 @@ def compress(
     basis: Floats | None = None,
     prior: Floats | None = None,
 ) -> Compressed:
-    """QR of [J, -r] in blocks of rows, then SVD of the triangle.
+    """QR of [J, -r], then SVD of the triangle.
 
     Args:
         derivative: J, (n, 2, k).
@@ -53,19 +51,14 @@ def compress(
     Raises:
         LinAlgError: J is not finite.
     """
-    n, k = len(derivative), derivative.shape[2]
-    roots = None if weights is None else np.sqrt(weights)
-    triangles = []
-    for part in blocks(n):
-        by, left = derivative[part].transpose(2, 1, 0), residual[part].T
-        rows = np.empty((k + 1, *left.shape))  # transposed: in the order in which LAPACK takes it without a copy
-        rows[:k], rows[k] = by, -left
-        if roots is not None:
-            rows *= roots[part]
-        triangles.append(upper_triangle(rows.reshape(k + 1, -1).T, overwrite=True))
+    n, _, k = derivative.shape
+    rows = np.empty((k + 1, 2, n))  # transposed: in the order in which LAPACK takes it without a copy
+    rows[:k], rows[k] = derivative.transpose(2, 1, 0), -residual.T
+    if weights is not None:
+        rows *= np.sqrt(weights)
+    triangle = upper_triangle(rows.reshape(k + 1, -1).T, overwrite=True)
     if prior is not None:
-        triangles.append(prior)
-    triangle = triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
+        triangle = upper_triangle(np.concatenate([triangle, prior]))
     system = triangle[:k, :k] if basis is None else triangle[:k, :k] @ basis
     u, values, vt, trouble = lapack.dgesvd(system, full_matrices=False)
     if trouble:

@@ -1,47 +1,20 @@
-"""What n touches measured and where, the data of the adjustment; and many touches in blocks.
-
-Everything that is done to single touches is done to one block after the other: the intermediate results of a
-block, some hundred arrays, never leave the cache, and memory holds the final ones alone.
-"""
+"""What n touches measured and where: the data of the adjustment."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior, RandomEffects
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, T, over_arrays, pick
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import Gripper, forward
+from scara_kinetostatic.model.kinematics import GripperSign, forward
 from scara_kinetostatic.model.outline import PER_ANGLE, Surfaces
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import ContactProblem, Edges
-
-BLOCK = 4096
-"""Touches per block: 32 KiB per array of numbers."""
-
-
-def blocks(count: int) -> Iterator[slice]:
-    """The places of the touches of each block."""
-    if count <= BLOCK:
-        return iter([EVERY])
-    return (slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK))
-
-
-def in_blocks(count: int, run: Callable[[slice], T]) -> T:
-    """What `run` gives for all touches, from what it gives for blocks.
-
-    Args:
-        count: of touches.
-        run: from the places of some touches to arrays over these (first axis), or tuples of such, or None.
-    """
-    parts = [run(part) for part in blocks(count)]
-    return parts[0] if len(parts) == 1 else over_arrays(lambda *arrays: np.concatenate(arrays), *parts)
-
 
 NO_ERRORS = np.zeros(0)
 NO_ERRORS.setflags(write=False)
@@ -73,7 +46,7 @@ class Observations(NamedTuple):
     centers: Floats
     radii: Floats
     frame: SensorFrame
-    gripper: Gripper
+    gripper: GripperSign
     metadata: TouchMetadata | None = None
     declared: DeclaredErrors | None = None
     errors: Floats = NO_ERRORS
@@ -187,7 +160,7 @@ def observe(
         surfaces.centers[surface],
         surfaces.radii[surface],
         cell.sensor.frame,
-        cell.gripper,
+        cell.gripper_sign,
         TouchMetadata.of(touches, cell.sensor.frame)._replace(surface=surface),
         declared,
         np.zeros(count) if count else NO_ERRORS,

@@ -32,7 +32,6 @@ from scara_kinetostatic.calibration.identifiability import (
     determined_pairs,
     group_names,
     scales_of,
-    shape_notes,
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
@@ -106,7 +105,6 @@ class Calibration:
         identifiability: what the data determine and what not.
         iterations: solver steps, all stages together.
         termination: how the last stage ended.
-        history: cost after each step of the last stage.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -142,7 +140,6 @@ class Calibration:
     identifiability: Identifiability
     iterations: int
     termination: Termination
-    history: tuple[float, ...]
     random: RandomEffects | None = None
     random_values: Floats = field(default_factory=lambda: NO_ERRORS)
     known: Prior | None = None
@@ -300,11 +297,6 @@ class Calibration:
         return self.termination is Termination.CONVERGED and self.force_error <= 0.5 * force
 
     @property
-    def force_error_nominal(self) -> float:
-        """The same with L̄n."""
-        return force_error(self.nominal_residual[self.used])
-
-    @property
     def reduced_chi_square(self) -> float:
         """Chi-square per degree of freedom; its expectation is 1 if model and noise are right."""
         return self.chi_square / self.degrees_of_freedom
@@ -348,7 +340,6 @@ def build_result(
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
-    notes = () if observations.tangents is None else shape_notes(cell, observations.surface[used])
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     held, values = model.held.union(fixed), model.as_array()
     free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
@@ -359,7 +350,6 @@ def build_result(
         confounded=groups,
         combinations=determined_pairs(found.unidentifiable, free, values, covariance),
         advice=advise(groups, mean_force),
-        notes=notes,
     )
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in model.names]] = np.nan
@@ -388,7 +378,6 @@ def build_result(
         identifiability=identifiability,
         iterations=found.iterations,
         termination=fit.termination,
-        history=fit.history,
     )
 
 

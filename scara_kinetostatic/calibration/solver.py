@@ -133,14 +133,12 @@ class Fit(NamedTuple):
         system: the compressed system there, in y and the declared errors.
         prior_cost: squared residuals of what is known beforehand, together.
         iterations: steps tried.
-        history: robust or plain cost after each step.
         termination: how it ended.
     """
 
     point: Point
     system: least_squares.Compressed
     iterations: int
-    history: tuple[float, ...]
     termination: Termination
     prior_cost: float = 0.0
 
@@ -269,4 +267,4 @@ def minimise(
             termination = Termination.STALLED
             break
     prior_cost = 0.0 if loss.prior is None else loss.prior.cost(point)
-    return Fit(point, system, iteration, tuple(history), termination, prior_cost)
+    return Fit(point, system, iteration, termination, prior_cost)

@@ -193,7 +193,7 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     at, pull = LoadedJoints(torque=tuple(torques.T), sense=tuple(np.sign(torques).T)), pull_of_links(p, links)
     if pull is not None:
         at = at._replace(pull=((p.p1, p.p2), tuple(pull.per_moment)))
-    base = tip_by_parameters(p, links, force, c.cell.gripper.factor, at)
+    base = tip_by_parameters(p, links, force, c.cell.gripper_sign.factor, at)
     if not c.full_model.effects:
         return base
     return np.concatenate([base, _by_effects(c, poses, links, torques)], axis=-1)

@@ -444,7 +444,7 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     reachable = (reach < 0.95 * length) & (reach > (1 - 0.95) * length + abs(p.l1 - p.l2))
     parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward, surface)]
     disc, angle, posture, level, is_unloaded, tip, outward, surface = parts
-    joints = inverse_kinetostatics(p, tip, -level[:, None] * outward, posture, cell.gripper)[0]
+    joints = inverse_kinetostatics(p, tip, -level[:, None] * outward, posture, cell.gripper_sign)[0]
     held = cell.can_take(joints)  # within the limits; an arm that is grossly off cannot hold all of them
     parts = [array[held] for array in (disc, angle, posture, level, is_unloaded, outward, surface, joints)]
     disc, angle, posture, level, is_unloaded, outward, surface, joints = parts

@@ -57,7 +57,7 @@ def _families(calibration: Calibration, point: Point) -> Iterator[tuple[str, Flo
         change by one standard deviation of the noise in the forces, (n, 2, m); None for nothing.
     """
     touches, state, root = calibration.touches.select(calibration.used), point.adjusted.state, point.whitened.root
-    arm = view_arm(point.parameters, *state[:4], calibration.cell.gripper)
+    arm = view_arm(point.parameters, state)
     f, phi = state.magnitude, state.direction
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2

@@ -305,12 +305,16 @@ class DiscEffect(LinearEffect):
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         """Each d per unit of its parameter, as if every touch were on this disc, (n, 2) each, m."""
 
+    def touched(self, at: TouchState) -> NDArray[np.bool_]:
+        """Which touches are on it, (n,)."""
+        return np.asarray(at.metadata.disc == self.disc)
+
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        touched = (at.metadata.disc == self.disc)[:, None]
+        touched = self.touched(at)[:, None]
         return tuple(Shift(place=place * touched) for place in self.places(at))
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
-        return np.asarray((at.metadata.disc == self.disc) | (self.plot_variable == 'disc'))
+        return np.asarray(self.touched(at) | (self.plot_variable == 'disc'))
 
 
 @dataclass(frozen=True)

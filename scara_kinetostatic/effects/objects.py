@@ -193,13 +193,9 @@ class EdgeBow(DiscEffect):
         slope = 2 * s / self.half**2 * at.radii[:, None]
         return (slope * t + (1 - (s / self.half) ** 2) * quarter_turn(t),)
 
-    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
-        if at.metadata.surface is None:
-            return np.zeros(len(at.radii), dtype=bool)
-        return np.asarray(at.metadata.surface == self.surface)
-
-    def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(Shift(place=place * self.acts_on(at)[:, None]) for place in self.places(at))
+    def touched(self, at: TouchState) -> NDArray[np.bool_]:
+        surface = at.metadata.surface
+        return np.zeros(len(at.radii), dtype=bool) if surface is None else np.asarray(surface == self.surface)
 
 
 @dataclass(frozen=True)

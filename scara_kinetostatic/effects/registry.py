@@ -102,10 +102,7 @@ def register(offered: Offer) -> Offer:
         >>> from scara_kinetostatic.effects import unregister
         >>> unregister(offered)
     """
-    try:
-        _as_factory(offered)
-    except TypeError as error:
-        raise ParameterError('register', str(error)) from None
+    _as_factory(offered)
     if offered not in _registered:
         _registered.append(offered)
     return offered
@@ -190,14 +187,13 @@ def _as_factory(offered: object) -> Factory:
     """A class of effect as the function that lists its instances, a function as it is.
 
     Raises:
-        TypeError: it is neither.
+        ParameterError: it is neither.
     """
     if isclass(offered) and issubclass(offered, Effect):
         return offered.instances
     if isclass(offered) or not callable(offered):
-        raise TypeError(
-            f'expected a class derived from Effect or a function from a cell to effects, got {offered!r:.80}'
-        )
+        wanted = 'a class derived from Effect or a function from a cell to effects'
+        raise ParameterError('effects', f'expected {wanted}, got {offered!r:.80}')
     return offered
 
 

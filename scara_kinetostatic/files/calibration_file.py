@@ -46,8 +46,7 @@ def cell_entry(cell: Cell) -> dict[str, Any]:
     """The cell as its description states it; what that leaves out is left out here, too."""
     entry = cell_description(cell)
     robot, model = entry.pop('robot'), entry.pop('model')
-    excess = {'gripper_excess': [list(row) for row in cell.gripper_excess], 'identification': {}}
-    return robot | excess | model | entry
+    return robot | {'identification': {}} | model | entry
 
 
 def model_entry(arm: CalibratedArm) -> dict[str, Any]:
@@ -268,10 +267,13 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
         CellError: it is not valid.
         KeyError, TypeError: something is missing.
     """
-    model = {key: entry[key] for key in ('gripper_sign', 'gripper_excess')}
+    if any(map(any, entry.get('gripper_excess', ()))):  # of older versions
+        problem = 'gripper_excess: a cell description has no general gripper'
+        raise CellError(f'{where}: cell', problem, 'calibrate again, with the effect anisotropic_gripper')
     stated = ('coupling', 'direction', 'plane', 'limits', 'lift', 'hold', 'moments')
     robot = {key: entry[key] for key in ('joint_names', 'nominal', *(key for key in stated if key in entry))}
-    description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
+    description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor']}
+    description['model'] = {'gripper_sign': entry['gripper_sign']}
     description |= {key: entry[key] for key in ('noise', *OPTIONAL) if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)
 

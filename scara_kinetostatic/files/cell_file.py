@@ -130,8 +130,7 @@ def cell_description(cell: cells.Cell) -> dict[str, Any]:
         **_given(
             gravity=nominal.gravity if nominal.has_gravity else None,
             noise=cell.noise and cell.noise.as_dict(as_stated=True),
-            model={'gripper_sign': cell.gripper_sign}
-            | ({} if cell.gripper.isotropic else {'gripper_excess': cell.gripper_excess}),
+            model={'gripper_sign': cell.gripper_sign},
             plates=[{'name': plate.name, 'origin': (plate.x, plate.y)} | _stated_stds(plate) for plate in cell.plates],
             uncertainty=_given(
                 **{name: getattr(u, name) for name in _READERS['uncertainty']},
@@ -391,16 +390,6 @@ def _stds(section: Section, kind: type) -> dict[str, Any]:
     return {_STDS[kind][key][0]: std for key, std in given.items()}
 
 
-def _excess(model: Section, key: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """P - p_ee I of the general gripper, by rows, m/N."""
-    rows = model.data[key]
-    if not isinstance(rows, list) or [isinstance(row, list) and len(row) for row in rows] != [2, 2]:
-        raise model.error(key, f'expected [[e11, e12], [e21, e22]], got {shown(rows)}')
-    matrix = model.entries(key, {f'e{i}{j}': rows[i - 1][j - 1] for i in (1, 2) for j in (1, 2)})
-    e11, e12, e21, e22 = (matrix.number(name, Within(unit='m/N')) for name in matrix.data)
-    return (e11, e12), (e21, e22)
-
-
 def _topic(sensor: Section, key: str) -> str:
     topic = sensor.word(key)
     if not _TOPIC.match(topic):
@@ -531,7 +520,7 @@ _READERS: dict[str, dict[str, Reader]] = {
         'lift': _lift,
         'hold': _hold,
     },
-    'model': {'gripper_sign': choice(cells.GripperSign), 'gripper_excess': _excess},
+    'model': {'gripper_sign': choice(cells.GripperSign)},
     'noise': {
         'joint': _level('joint 1', 'joint 2', 1e-15, 1e-2, 'rad'),
         'force': _level('x', 'y', 1e-12, 100.0, 'N'),

@@ -398,7 +398,7 @@ def rigid_miss(arm: CalibratedArm) -> float:
     """Largest displacement of the unloaded tip by effects that act on the robot, over joint angles within limits, m."""
     angles = (np.linspace(low, high, 24) for low, high in arm.cell.limits or [(-np.pi, np.pi)] * 2)
     joints = np.stack(np.meshgrid(*angles), axis=-1).reshape(-1, 2)
-    tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
+    tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper_sign)
     largest = float(np.nanmax(np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)))
     return largest if largest > 1e-9 else 0.0  # rounding alone
 
@@ -478,12 +478,10 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         facts: of it.
 
     Raises:
-        UnsupportedDataError: a general gripper or effects of its own, which the functions do not have.
+        UnsupportedDataError: effects of its own, which the functions do not have.
     """
-    problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
-    if facts.robot_effects or not arm.cell.gripper.isotropic:
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     pairs = zip(arm.cell.joint_names, turned_limits(arm.cell.limits, arm.cell.direction) or (), strict=False)
     limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)

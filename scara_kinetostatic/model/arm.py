@@ -280,7 +280,7 @@ class Predictor:
         if (p := model.parameters).has_gravity and not self.nominal:
             of_s1, of_s2 = np.sqrt(np.diag(self.arm.covariance)[len(NAMES) : len(p.names)]) * np.hypot(*p.gravity)
             gravity_std = (float(of_s1 + of_s2), float(of_s2))
-        return Law(model, self.arm.cell.gripper, self.arm.noise, gravity_std)
+        return Law(model, self.arm.cell.gripper_sign, self.arm.noise, gravity_std)
 
     @cached_property
     def _spread(self) -> Spread | None:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.kinematics import Gripper, rotate, wrap
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
+from scara_kinetostatic.model.kinematics import rotate, wrap
 from scara_kinetostatic.model.outline import (
     Outline,
     Surfaces,
@@ -104,10 +104,6 @@ class Noise(NamedTuple):
         """Standard deviation of a component of a force of some magnitude, rms over the axes, N."""
         return float(np.hypot(self.force_rms, self.growth * magnitude)) if self.growth else self.force_rms
 
-    def with_rms(self, joint: float, force: float) -> Noise:
-        """The same ratios of the axes and the same growth, with other levels."""
-        return Noise(_with_rms(self.joint, joint), _with_rms(self.force, force), self.force_relative)
-
     def check(self) -> None:
         """Whether it can be that of a measurement.
 
@@ -169,10 +165,6 @@ def _pair(level: Level) -> tuple[float, float]:
 def _rms(level: Level) -> float:
     first, second = _pair(level)
     return float(np.sqrt((first**2 + second**2) / 2)) if first != second else first
-
-
-def _with_rms(level: Level, rms: float) -> Level:
-    return rms if isinstance(level, (int, float)) else (rms / _rms(level) * level[0], rms / _rms(level) * level[1])
 
 
 BASE_FRAME = 'base_link'
@@ -532,7 +524,6 @@ class Cell:
         sensor: topics, frame and sign of the sensor.
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
-        gripper_excess: P - p_ee I of the general gripper (7), in the frame of link 2, by rows, m/N.
         identification: of robot, cell, sensor and people, for the report.
         plates: what carries several discs.
         uncertainty: of what is common to all touches; that of each disc and plate is theirs.
@@ -562,7 +553,6 @@ class Cell:
     sensor: Sensor = field(default_factory=Sensor)
     noise: Noise | None = None
     gripper_sign: GripperSign = GripperSign.PHYSICAL
-    gripper_excess: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     identification: Identification = field(default_factory=Identification)
     plates: tuple[Plate, ...] = ()
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
@@ -620,11 +610,6 @@ class Cell:
     def can_take(self, joints: Floats, margin: float = 0.0) -> Mask:
         """Whether the arm may be in poses (…, 2), rad, (…): within the limits, where the cell states some."""
         return np.asarray(~self.beyond_limits(joints, margin).any(axis=-1))
-
-    @property
-    def gripper(self) -> Gripper:
-        """The form of (7) in this cell."""
-        return Gripper(self.gripper_sign, self.gripper_excess)
 
     @property
     def centers(self) -> NDArray[np.float64]:
@@ -710,9 +695,9 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
     sensors = [(cell.sensor.topics, cell.sensor[2:-1]) for cell in (one, other)]  # relative or in the root namespace
     parts += ['sensor'] if sensors[0] != sensors[1] else []
-    for name in ('noise', 'gripper', 'plates', 'uncertainty', 'tolerance', 'region'):
+    for name in ('noise', 'gripper_sign', 'plates', 'uncertainty', 'tolerance', 'region'):
         if getattr(one, name) != getattr(other, name):
-            parts.append('model' if name == 'gripper' else name)
+            parts.append('model' if name == 'gripper_sign' else name)
     return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
 
 
@@ -728,28 +713,18 @@ def _check_uncertainty(where: str, std: float) -> None:
         raise ParameterError(where, f'expected a standard uncertainty of 0 or more, got {std}')
 
 
-def _gap(cell: Cell, centers: Floats, radii: Floats, first: int, second: int) -> float:
+def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -> float:
     """Distance of two objects between the places of the tip on them, m; below 0 where they overlap, -inf if open ones
     cross.
     """
-    outlines = [isinstance(cell.discs[k], Outline) for k in (first, second)]
-    if not any(outlines):
-        return float(np.linalg.norm(centers[first] - centers[second]) - radii[first] - radii[second])
-    if not outlines[0]:
-        first, second = second, first
-    places = boundary(surfaces_of([cell.discs[first]], cell.tip_radius))
-    if not isinstance(cell.discs[second], Outline):
-        within = cell.discs[first].is_closed and inside(places, centers[second : second + 1])[0]
-        apart = np.hypot(*(places - centers[second]).T).min()
-        return float(-apart if within else apart - radii[second])
-    others = boundary(surfaces_of([cell.discs[second]], cell.tip_radius))
+    items = one, other
+    places, others = lines = [boundary(surfaces_of([item], tip_radius)) for item in items]
     away = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1))
-    pairs = ((cell.discs[second], others, places), (cell.discs[first], places, others))
-    depths = [away.min(axis=1 - k)[inside(line, of)] for k, (disc, line, of) in enumerate(pairs) if disc.is_closed]
+    depths = [away.min(axis=1 - k)[inside(lines[1 - k], lines[k])] for k in (0, 1) if items[1 - k].is_closed]
     if any(depth.size for depth in depths):
         return -float(np.concatenate(depths).max())
-    lines = [np.array(disc.corners) for disc, *_ in pairs if isinstance(disc, Outline)]
-    return -np.inf if crosses(*lines) else float(away.min())
+    corners = [np.array(item.corners) for item in items if isinstance(item, Outline)]
+    return -np.inf if len(corners) == 2 and crosses(*corners) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
@@ -788,7 +763,7 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
     for i in range(1, len(radii)):
         gaps = np.linalg.norm(centers[:i] - centers[i], axis=1) - radii[:i] - radii[i]
         if cell.has_outlines:
-            gaps = np.where(gaps < 0, [_gap(cell, centers, radii, j, i) for j in range(i)], gaps)
+            gaps = np.where(gaps < 0, [_gap(cell.discs[j], cell.discs[i], cell.tip_radius) for j in range(i)], gaps)
         for j in (j for j in np.argsort(gaps) if gaps[j] < 0):
             how = f'overlap by {-gaps[j]:.4g} m' if np.isfinite(gaps[j]) else 'cross'
             found.append(f'discs {names[j]!r} and {names[i]!r} {how}')

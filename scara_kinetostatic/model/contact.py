@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs, pick, put
-from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.kinematics import Gripper, as_gripper, forward
+from scara_kinetostatic.model.kinematics import GripperSign, forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
 from scara_kinetostatic.model.touch_equations import (
     Arm,
@@ -53,9 +52,8 @@ _ANGLE_STEP = 1e-5
 def _shifts_by_force(model: ExtendedModel, problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
     """The derivatives of δ and d by f, then by φ, by central differences; nothing where no effect depends on it."""
     by_magnitude = 1e-4 * np.maximum(np.abs(state.magnitude), 1.0)  # as a part of the force, of 1 N at least
-    same = arm if arm.skew is None else None
     for least, part, step, known in (
-        (ForceDependence.ALL, 'magnitude', by_magnitude, same),
+        (ForceDependence.ALL, 'magnitude', by_magnitude, arm),
         (ForceDependence.DIRECTION, 'direction', np.full(len(by_magnitude), _ANGLE_STEP), None),
     ):
         if model.force_dependence < least:
@@ -81,10 +79,10 @@ def extended_equations(
         state: where to evaluate.
         arm: the arm at the state, where it is known.
     """
-    p, gripper = model.parameters, problem.gripper
+    p = model.parameters
     if not model.effects:
         return touch_equations(p, problem, state, arm)
-    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
+    arm = view_arm(p, state) if arm is None else arm
     at = problem.touch_state(p, state, arm)
     shifted = problem.shifted_by(*model.shift(at))
     e = touch_equations(p, shifted, state, arm)
@@ -134,11 +132,11 @@ def solve_links(
     Returns:
         The state, and the arm there.
     """
-    p, gripper, first = model.parameters, problem.gripper, state
-    arm = view_arm(p, *state[:4], gripper)
+    p, first = model.parameters, state
+    arm = view_arm(p, state)
     for _ in range(1 + again):
         flanks = state
-        state, arm = step_links(p, problem.shifted(model, state, arm).joints, state, gripper, frozen, arm)
+        state, arm = step_links(p, problem.shifted(model, state, arm).joints, state, frozen, arm)
         state = keep_flanks(p, state, flanks, arm)
         if not model.effects and (frozen or ((state.mode1 == first.mode1) & (state.mode2 == first.mode2)).all()):
             break
@@ -161,7 +159,7 @@ def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, M
             if solved.all():
                 return _newton_step(e, state), solved
             state = _newton_step(e, state)
-            arm = view_arm(model.parameters, *state[:4], problem.gripper)
+            arm = view_arm(model.parameters, state)
             state = next_modes(model.parameters, problem.shifted(model, state, arm).joints, state, arm)
         todo = ~_is_solved(model, problem, state)
         part, done = _solve_by_modes(model, pick(problem, todo))
@@ -212,7 +210,7 @@ def _solve_by_modes(
 def nearest_equilibrium(model: ExtendedModel, problem: ContactProblem, state: State, warm_start: Floats) -> State:
     """Where a joint could rest on either flank, the equilibrium nearest to a force."""
     p, radii = model.parameters, problem.radii
-    arm = view_arm(p, *state[:4], problem.gripper)
+    arm = view_arm(p, state)
     # joints that swing through all their backlash slide the tip along the disc, which also turns the force
     b = np.abs(arm.reach.real)
     slide = ((np.abs(p.joint_backlashes) + np.abs(p.joint_compliances * state.magnitude) * b) * b).sum(axis=0)
@@ -262,7 +260,7 @@ def contact(
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
-    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
+    gripper: GripperSign = GripperSign.PHYSICAL,
     tension: bool = False,
     warm_start: ArrayLike | None = None,
     metadata: TouchMetadata | None = None,
@@ -276,7 +274,7 @@ def contact(
         joints: Q, (n, 2), rad.
         centers: centre of each touch's disc, (n, 2), m.
         radii: its radius, (n,), m.
-        gripper: the form of (7); a bare sign is the isotropic gripper.
+        gripper: the form of (7).
         tension: let the tip pull at the disc where it does not reach it (a smooth
             continuation for fitting), instead of no force as (9) has it.
         warm_start: a force per touch, (n, 2), N; where there are several equilibria, the one
@@ -297,7 +295,7 @@ def contact(
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
     metadata = TouchMetadata.plain(len(joints)) if metadata is None and model.effects else metadata
     edges = Edges.of(tangents, radii)
-    problem = ContactProblem(joints, centers, radii, as_gripper(gripper), metadata, off_normal, edges)
+    problem = ContactProblem(joints, centers, radii, gripper, metadata, off_normal, edges)
     state, solved = solve_state(model, problem)
     if warm_start is not None:
         state = nearest_equilibrium(model, problem, state, np.asarray(warm_start))
@@ -305,7 +303,7 @@ def contact(
         shifted = problem.shifted(model, state)
         free = free_state(parameters, shifted.joints, shifted.centers, shifted.edges)
         touching = solved & (state.magnitude > 0)
-        if problem.gripper.sign is GripperSign.PHYSICAL:
+        if gripper is GripperSign.PHYSICAL:
             touching &= _reaches(parameters, free, shifted)
         zero = free
         if not parameters.has_gravity:

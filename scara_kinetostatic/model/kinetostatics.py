@@ -18,7 +18,7 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask, as_complex
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.kinematics import Gripper, GripperSign, as_gripper
+from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, joints_under_load
 from scara_kinetostatic.model.touch_equations import Pull, State, pull_of, step_links
@@ -134,7 +134,7 @@ def inverse_kinetostatics(
     tip: ArrayLike,
     force: ArrayLike,
     posture: ArrayLike,
-    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
+    gripper: GripperSign = GripperSign.PHYSICAL,
     metadata: TouchMetadata | None = None,
 ) -> tuple[Floats, Floats]:
     """Ḡ: the actuator angles and torques that hold a tip at a place under a force (4).
@@ -145,7 +145,7 @@ def inverse_kinetostatics(
         force: F on the object, base frame, (n, 2), N; where a torque is zero the joint is in the middle of its dead
             band.
         posture: +1 or -1, the sign of sin(q2* + theta2), (n,) or one for all.
-        gripper: the form of (7); a bare sign is the isotropic gripper.
+        gripper: the form of (7).
         metadata: what effects need to know of each pose; by default `TouchMetadata.plain`. Effects on the object
             are no part of this.
 
@@ -153,7 +153,7 @@ def inverse_kinetostatics(
         Q, (n, 2), rad, NaN where the place is out of reach, and C, (n, 2), Nm.
     """
     place, load = np.broadcast_arrays(np.atleast_2d(tip), np.atleast_2d(force))
-    law, known = Law(as_model(model), as_gripper(gripper)), metadata or TouchMetadata.plain(len(place))
+    law, known = Law(as_model(model), gripper), metadata or TouchMetadata.plain(len(place))
     with np.errstate(invalid='ignore'):
         found = joints_under_load(law, place, Force.of(load), np.asarray(posture), known)
     return found.joints, np.array([found.loading.c1, found.loading.c2]).T
@@ -163,7 +163,7 @@ def direct_kinetostatics(
     model: ExtendedModel | Parameters,
     joints: Floats,
     force: Floats,
-    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
+    gripper: GripperSign = GripperSign.PHYSICAL,
     metadata: TouchMetadata | None = None,
 ) -> tuple[Floats, Floats]:
     """H̄: the tip's place and the torques from what sensors measure, actuator angles and the force, by law (6).
@@ -176,19 +176,19 @@ def direct_kinetostatics(
         joints: Q, (n, 2), rad.
         force: F on the object, base frame, (n, 2), N; where it is zero the joints are in the middle of their dead
             bands.
-        gripper: the form of (7); a bare sign is the isotropic gripper.
+        gripper: the form of (7).
         metadata: what effects need to know of each pose; by default `TouchMetadata.plain`.
 
     Returns:
         S, (n, 2), m, and C, (n, 2), Nm.
     """
-    law, load, known = Law(as_model(model), as_gripper(gripper)), Force.of(force), metadata
+    law, load, known = Law(as_model(model), gripper), Force.of(force), metadata
     p = law.model.parameters
     pressed = (np.any(force != 0, axis=1) | p.has_gravity)[:, None]
     known = TouchMetadata.plain(len(force)) if known is None else known
     turn = moved = np.zeros(np.shape(joints))
     for _ in range(60):
-        links = np.where(pressed, _links(p, joints - turn, force, law.gripper), joints - turn)
+        links = np.where(pressed, _links(p, joints - turn, force), joints - turn)
         first = links[:, 0] + p.theta1
         at = law.loading(first, first + links[:, 1] + p.theta2, load)
         if not law.model.effects:
@@ -199,37 +199,37 @@ def direct_kinetostatics(
     return np.array(at.tip(p)).T + moved, np.array([at.c1, at.c2]).T
 
 
-def _links(parameters: Parameters, joints: Floats, force: Floats, gripper: Gripper) -> Floats:
+def _links(parameters: Parameters, joints: Floats, force: Floats) -> Floats:
     """Q* of joints under a force, (n, 2), by Newton's method.
 
     Where a link is nearly in line with a force that compresses it, the floating joint is unstable, and the flanks
     alternate from one start: then the others are tried.
     """
-    links, settled = _links_from((1.0, 1.0), parameters, joints, force, gripper)
+    links, settled = _links_from((1.0, 1.0), parameters, joints, force)
     wrong = np.flatnonzero(~settled)
     for start in ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
         if not len(wrong):
             break
-        found, settled = _links_from(start, parameters, joints[wrong], force[wrong], gripper)
+        found, settled = _links_from(start, parameters, joints[wrong], force[wrong])
         links[wrong[settled]] = found[settled]
         wrong = wrong[~settled]
     return links
 
 
 def _links_from(
-    start: tuple[float, float], parameters: Parameters, joints: Floats, force: Floats, gripper: Gripper
+    start: tuple[float, float], parameters: Parameters, joints: Floats, force: Floats
 ) -> tuple[Floats, Mask]:
     """Q* from flanks to start on, (n, 2), and whether links and flanks agree, (n,)."""
     magnitude, direction = np.hypot(force[:, 0], force[:, 1]), np.arctan2(force[:, 1], force[:, 0])
     flanks = (np.full(len(joints), each) for each in start)
     state = State(joints[:, 0], joints[:, 1], magnitude, direction, *flanks)
     for _ in range(20):  # three or four suffice
-        before, (state, arm) = state, step_links(parameters, joints, state, gripper)
+        before, (state, arm) = state, step_links(parameters, joints, state)
         if ((state.mode1 != before.mode1) | (state.mode2 != before.mode2)).any():
-            state, _ = step_links(parameters, joints, state, gripper, arm=arm)
+            state, _ = step_links(parameters, joints, state, arm=arm)
         if not np.any(_change(state, before) > 1e-15):
             break
-    further, _ = step_links(parameters, joints, state, gripper)
+    further, _ = step_links(parameters, joints, state)
     settled = (_change(state, further) < 1e-12) & (state.mode1 == further.mode1) & (state.mode2 == further.mode2)
     return np.stack([state.link1, state.link2], axis=-1), np.asarray(settled)
 

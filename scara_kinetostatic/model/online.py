@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
@@ -100,15 +99,10 @@ class OnlineArm:
     Args:
         arm: the arm.
         noise: of one sample of joints and force; None for that of one touch.
-
-    Raises:
-        ParameterError: the gripper of the cell is not isotropic.
     """
 
     def __init__(self, arm: CalibratedArm, noise: Noise | None = None) -> None:
         self.arm = arm if noise is None else replace(arm, noise=noise)
-        if not arm.cell.gripper.isotropic:
-            raise ParameterError('gripper_excess', 'a gripper that is not isotropic cannot be followed online')
         self.predictor = Predictor(self.arm)
         self._law, self._p = self.predictor.law, self.predictor.law.model.parameters
         self._spread = arm.spread

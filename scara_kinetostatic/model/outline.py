@@ -76,15 +76,6 @@ class Outline(NamedTuple):
         """Largest distance of a corner from the reference point, m."""
         return float(np.hypot(*(np.array(self.corners) - (self.x, self.y)).T).max())
 
-    @property
-    def symmetry(self) -> int:
-        """In how many positions, turned about its reference point, it looks the same."""
-        place = np.array([complex(*corner) for corner in self.corners]) - complex(self.x, self.y)
-        count = len(place)
-        shifts = [k for k in range(count) if not self.is_open or k == 0]
-        turned = [np.roll(place, -k) * np.exp(-1j * np.angle(np.roll(place, -k)[0] / place[0])) for k in shifts]
-        return sum(bool(np.abs(other - place).max() < 1e-6) for other in turned)
-
     def shape(self) -> Floats:
         """Its sides as a line, closed unless it is open, (k, 2), m."""
         line = boundary(surfaces_of([self], 0.0))

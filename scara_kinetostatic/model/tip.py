@@ -41,7 +41,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, component_by_parameters, inverse, stacked
+from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
 SIGN_KNOWN = 3.0
@@ -130,7 +130,6 @@ def load_arm(
     links: tuple[Any, Any, Any, Any],
     offset: tuple[Any, Any],
     force: Force,
-    moment: Any = 0.0,
     gravity_std: tuple[float, float] = (0.0, 0.0),
 ) -> Loading:
     """The torques of the arm and its places in the dead bands; floats, or arrays of any one shape.
@@ -140,11 +139,10 @@ def load_arm(
         links: x and y of link 1, then of link 2, m.
         offset: S - H(Q*) by the gripper, m.
         force: on the object.
-        moment: that it adds to both torques where it acts beside the rigid tip, Nm.
         gravity_std: as `Law.gravity_std`.
     """
     x1, y1, x2, y2 = links
-    c2 = x2 * force.y - y2 * force.x + moment
+    c2 = x2 * force.y - y2 * force.x
     c1 = x1 * force.y - y1 * force.x + c2
     known1, known2 = c1, c2
     if force.held is not None:
@@ -214,29 +212,23 @@ class Law:
     """
 
     model: ExtendedModel
-    gripper: Gripper
+    gripper: GripperSign
     noise: Noise | None = None
     gravity_std: tuple[float, float] = (0.0, 0.0)
 
     def offset(self, force: Force) -> tuple[Any, Any]:
-        """S - H(Q*) by an isotropic gripper, m; floats, or arrays of any one shape."""
+        """S - H(Q*) by the gripper, m; floats, or arrays of any one shape."""
         slope, own = self.gripper.slope(self.model.parameters), self.model.parameters.g_ee * force.place
         return slope * force.x - own * force.nx, slope * force.y - own * force.ny
 
     def loading(self, first: Floats, second: Floats, force: Force) -> Loading:
         """The arm with its links at absolute angles `first` and `second`, (n,), rad."""
-        p, offset, moment = self.model.parameters, self.offset(force), 0.0
-        skew = self.gripper.skew(np.arctan2(force.ny, force.nx) - second)
-        if skew is not None:  # the force then acts beside the rigid tip, and turns both joints
-            normal, tangent = force.size * skew.normal, force.size * skew.tangent
-            x, y = offset
-            offset = x + normal * force.nx - tangent * force.ny, y + normal * force.ny + tangent * force.nx
-            moment = -tangent * force.size
+        p, offset = self.model.parameters, self.offset(force)
         links = p.l1 * np.cos(first), p.l1 * np.sin(first), p.l2 * np.cos(second), p.l2 * np.sin(second)
         if self.noise is not None:
-            return load_arm(p, links, offset, force, moment, self.gravity_std)
+            return load_arm(p, links, offset, force, self.gravity_std)
         exactly = force._replace(std=1.0)  # any: the places in the bands are replaced
-        at = load_arm(p, links, offset, exactly, moment)
+        at = load_arm(p, links, offset, exactly)
         c1, c2 = (np.where(np.abs(c) <= 1e-13 * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
         return at._replace(c1=c1, c2=c2, s1=np.sign(c1), s2=np.sign(c2), k1=p.p1, k2=p.p2)
 
@@ -338,31 +330,25 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
         posture: +1 or -1, the sign of sin(q2* + theta2), (n,).
         metadata: of the poses.
     """
-    p = law.model.parameters
-    once = not law.model.acting.effects and law.gripper.isotropic
+    p, offset, once = law.model.parameters, np.array(law.offset(force)).T, not law.model.acting.effects
     compliance, backlash = np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
     turn, moved, state = np.zeros((2, len(tip))), np.zeros((len(tip), 2)), None
-    still = np.zeros(len(tip))
-    joints, offset = np.zeros((2, len(tip))), np.array(law.loading(still, still, force).offset)
-    change: tuple[Floats, Floats] = (joints, offset)
+    joints = change = np.zeros((2, len(tip)))
     for _ in range(_PASSES):
-        links = inverse(p, tip - offset.T - moved, posture).T
+        links = inverse(p, tip - offset - moved, posture).T
         first = links[0] + p.theta1
         at = law.loading(first, first + links[1] + p.theta2, force)
         found = links + compliance * np.array([at.c1, at.c2]) + backlash * np.array([at.s1, at.s2]) + turn
-        added = np.array(at.offset)
-        change = np.abs(found - joints), np.abs(added - offset)
-        joints, offset = found, added
+        joints, change = found, np.abs(found - joints)
         # where the place is out of reach it is not a number
-        if once or not ((change[0] > _ROUNDING).any() or (change[1] > _ROUNDING).any()):
+        if once or not (change > _ROUNDING).any():
             break
-        if law.model.acting.effects:
-            state = law.touch_state(joints.T, at, force, metadata)
-            shift, moved = law.shift(state, force.place)
-            turn = shift.T
+        state = law.touch_state(joints.T, at, force, metadata)
+        shift, moved = law.shift(state, force.place)
+        turn = shift.T
     if law.model.effects and state is None:
         state = law.touch_state(joints.T, at, force, metadata)
-    solved = once | ~((change[0] > _SOLVED) | (change[1] > _SOLVED)).any(axis=0)
+    solved = once | ~(change > _SOLVED).any(axis=0)
     return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state)
 
 

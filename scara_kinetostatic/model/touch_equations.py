@@ -17,8 +17,7 @@ sign(c); keeping sign(a) for f < 0 continues the contact smoothly into tension.
 
 Turning the joints by dq moves the tip by a·dq along n and b·dq along t, and
 changes the arms by da1 = -b1 dq1 - b2 dq2, da2 = -b2 (dq1 + dq2); turning the
-force by dφ changes them by b dφ. Everything follows from these four numbers, and, for a
-gripper that does not give way along the force (`gripper.Skew`), from what it adds to the arms.
+force by dφ changes them by b dφ. Everything follows from these four numbers.
 
 **Dead band.** sign(a) is set-valued at a = 0. There the joint floats (mode 0): its row
 becomes a_i = 0, the force line passes through the joint's axis, and q_i no
@@ -53,19 +52,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import (
-    Complexes,
-    Floats,
-    Indices,
-    Mask,
-    as_complex,
-    over_arrays,
-    pairs,
-    unit_vectors,
-)
+from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
+from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -79,9 +69,8 @@ class Arm(NamedTuple):
         normal: unit vector of the force on the object, base frame, complex.
         links: unit vectors of the links seen along the force, complex.
         reach: vectors from the axes of the joints to the rigid tip seen along the force, complex, m.
-        lever: lever arms, gripper and all, m.
-        turn: what `lever` loses per angle of its joint, and gains as the force turns, m.
-        skew: what the gripper adds where it does not give way along the force; None where it does.
+        lever: lever arms a, m.
+        turn: b, what `lever` loses per angle of its joint, and gains as the force turns, m.
     """
 
     link1: Complexes
@@ -91,39 +80,6 @@ class Arm(NamedTuple):
     reach: Complexes
     lever: Floats
     turn: Floats
-    skew: Skew | None
-
-    def select(self, which: Mask | Indices | slice) -> Arm:
-        """The touches that a mask, a slice or an array of positions picks."""
-        return over_arrays(lambda part: part[..., which], self)
-
-
-def view_arm(
-    parameters: Parameters, link1: Floats, link2: Floats, magnitude: Floats, direction: Floats, gripper: Gripper
-) -> Arm:
-    """The arm seen along a force.
-
-    Args:
-        parameters: L̄.
-        link1: link angle q1*, (n,), rad.
-        link2: link angle q2*, (n,), rad.
-        magnitude: f, (n,), N.
-        direction: angle φ of the force on the object in the base frame, (n,), rad.
-        gripper: the form of (7).
-
-    Returns:
-        Unit vectors, lever arms and their companions.
-    """
-    first = link1 + parameters.theta1
-    second = first + link2 + parameters.theta2
-    units = unit_vectors(np.array([first, second, direction]))
-    links = units[:2] * units[2].conj()
-    outer = parameters.l2 * links[1]
-    reach = np.array([parameters.l1 * links[0] + outer, outer])
-    lever, turn, skew = -reach.imag, reach.real, gripper.skew(direction - second)
-    if skew is not None:
-        lever, turn = lever - magnitude * skew.tangent, turn - magnitude * skew.tangent_turn
-    return Arm(units[0], units[1], units[2], links, reach, lever, turn, skew)
 
 
 class State(NamedTuple):
@@ -148,6 +104,17 @@ class State(NamedTuple):
     def replace_where(self, where: Mask, other: State) -> State:
         """Another state's touches where a mask is true, this one's elsewhere; both of n touches."""
         return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
+
+
+def view_arm(parameters: Parameters, state: State) -> Arm:
+    """The arm seen along the force at a state; magnitude and modes do not count."""
+    first = state.link1 + parameters.theta1
+    second = first + state.link2 + parameters.theta2
+    units = unit_vectors(np.array([first, second, state.direction]))
+    links = units[:2] * units[2].conj()
+    outer = parameters.l2 * links[1]
+    reach = np.array([parameters.l1 * links[0] + outer, outer])
+    return Arm(units[0], units[1], units[2], links, reach, -reach.imag, reach.real)
 
 
 class Pull(NamedTuple):
@@ -280,7 +247,7 @@ class ContactProblem(NamedTuple):
     joints: Floats
     centers: Floats
     radii: Floats
-    gripper: Gripper
+    gripper: GripperSign
     metadata: TouchMetadata | None = None
     off_normal: Floats | None = None
     edges: Edges | None = None
@@ -293,7 +260,7 @@ class ContactProblem(NamedTuple):
     def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
         """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
         assert self.metadata is not None
-        arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
+        arm = view_arm(parameters, state) if arm is None else arm
         f, normal, pull = state.magnitude, pairs(arm.normal), pull_of(parameters, arm.link1, arm.link2)
         return TouchState(
             parameters=parameters,
@@ -333,11 +300,12 @@ def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: E
 
     direction = inward(joints)
     still, (q1, q2) = np.zeros(len(direction)), joints.T
-    arm = view_arm(parameters, q1, q2, still, direction, Gripper())
-    state = State(q1, q2, still, direction, *np.where(arm.lever < 0, -1.0, 1.0))
+    state = State(q1, q2, still, direction, still, still)
+    mode1, mode2 = np.where(view_arm(parameters, state).lever < 0, -1.0, 1.0)
+    state = state._replace(mode1=mode1, mode2=mode2)
     if parameters.has_gravity:  # the arm hangs in its joints
         for _ in range(4):
-            state, _ = step_links(parameters, joints, state, Gripper())
+            state, _ = step_links(parameters, joints, state)
         state = state._replace(direction=inward(np.array(state[:2]).T))
     return state
 
@@ -369,9 +337,9 @@ class Rows(NamedTuple):
         return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
 
 
-def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
+def joint_rows(parameters: Parameters, joints: Floats, state: State, arm: Arm | None = None) -> Rows:
     """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
-    arm = view_arm(parameters, *state[:4], gripper) if arm is None else arm
+    arm = view_arm(parameters, state) if arm is None else arm
     mode = np.array(state[4:])
     on = mode * mode
     weight = on * (parameters.joint_compliances * state.magnitude) + (1.0 - on)
@@ -393,7 +361,7 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
 
 
 def step_links(
-    parameters: Parameters, joints: Floats, state: State, gripper: Gripper, frozen: bool = False, arm: Arm | None = None
+    parameters: Parameters, joints: Floats, state: State, frozen: bool = False, arm: Arm | None = None
 ) -> tuple[State, Arm]:
     """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
 
@@ -401,17 +369,16 @@ def step_links(
         parameters: L̄.
         joints: Q, (n, 2), rad.
         state: where from; its force stays.
-        gripper: the form of (7).
         frozen: whether every joint stays on its flank.
         arm: the arm at `state`, where it is known.
 
     Returns:
         The state, and the arm there.
     """
-    rows = joint_rows(parameters, joints, state, gripper, arm)
+    rows = joint_rows(parameters, joints, state, arm)
     step1, step2 = rows.step(rows.row)
     state = state._replace(link1=state.link1 - step1, link2=state.link2 - step2)
-    arm = view_arm(parameters, *state[:4], gripper)
+    arm = view_arm(parameters, state)
     return (state if frozen else next_modes(parameters, joints, state, arm)), arm
 
 
@@ -463,7 +430,7 @@ def touch_equations(parameters: Parameters, problem: ContactProblem, state: Stat
         Residuals and derivatives, to first order exact wherever the rows hold.
     """
     p, f, (joints, centers, radii, gripper, *_, edges) = parameters, state.magnitude, problem
-    rows = joint_rows(p, joints, state, gripper, arm)
+    rows = joint_rows(p, joints, state, arm)
     arm, reach, seen = rows.arm, radii + gripper.stretch(p, state.magnitude), rows.arm.normal.conj()
     circle = arm.reach[0] + reach + (p.x0 + 1j * p.y0 - as_complex(centers)) * seen
     by_f, by_d = np.asarray(gripper.slope(p), dtype=complex), np.asarray(1j * reach)
@@ -471,12 +438,6 @@ def touch_equations(parameters: Parameters, problem: ContactProblem, state: Stat
     row_f, row_d = p.joint_compliances * rows.on * arm.lever, rows.weight * arm.turn
     if rows.pulled is not None:
         row_f = rows.pulled[0] * arm.lever
-    if (skew := arm.skew) is not None:
-        stretch = skew.normal + 1j * skew.tangent
-        by_link = -arm.reach.imag - f * skew.normal_turn + 1j * arm.turn
-        circle, by_f = circle + f * stretch, by_f + stretch
-        by_d = by_d + f * (skew.normal_turn + 1j * skew.tangent_turn + 1j * stretch)
-        row_f = row_f - rows.weight * skew.tangent
     tangent = None
     if edges is not None:
         # the radius turns with the force, all the rest counts across the edge
@@ -489,7 +450,7 @@ def touch_equations(parameters: Parameters, problem: ContactProblem, state: Stat
     return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 
 
-def parameter_derivative(parameters: Parameters, state: State, equations: Equations, gripper: Gripper) -> Floats:
+def parameter_derivative(parameters: Parameters, state: State, equations: Equations, gripper: GripperSign) -> Floats:
     """∂h/∂L̄ of n touches, f and φ held.
 
     Returns:
@@ -518,16 +479,6 @@ def parameter_derivative(parameters: Parameters, state: State, equations: Equati
     along = equations.across(along)
     found[:, 0], found[:, 1] = along.real, along.imag
     return found.transpose(2, 1, 0)
-
-
-def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
-    """∂h/∂E of n touches, f and φ held: by the entries 11, 12, 21, 22 of the gripper's excess, (n, 2, 4)."""
-    arm, push = equations.rows.arm, gripper.factor * state.magnitude
-    n = np.array([arm.links[1].real, -arm.links[1].imag])  # in the frame of link 2
-    t = np.array([-n[1], n[0]])
-    normal, tangent = ((push * side[:, None] * n).reshape(4, -1) for side in (n, t))
-    found = equations.across(normal + (1j + equations.moved(equations.rows.weight)) * tangent)
-    return np.stack([found.real, found.imag]).transpose(2, 0, 1)
 
 
 def move_links(equations: Equations, state: State, change_f: Floats, change_d: Floats) -> State:

@@ -307,5 +307,5 @@ def check_same_arm(a: Cell, b: Cell, first: str, second: str) -> None:
         if abs(one - other) > scale:
             values = f'nominal {name} is {other:g} and {one:g} {UNITS[name]}'
             raise InputError(second, f'is of another robot than {first}: {values}', _ONE_ROBOT)
-    if a.gripper != b.gripper:
+    if a.gripper_sign is not b.gripper_sign:
         raise InputError(second, f'has another gripper law (model) than {first}', _ONE_ROBOT)

@@ -33,7 +33,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
@@ -246,11 +246,13 @@ class ContactSimulator(CellNode):
     def _declared_sensors(self) -> SensorModel:
         """Noise, bias and rates of the sensors."""
         noise = self._cell.noise or TYPICAL_NOISE
-        joint, force = self.declare('noise.joint', noise.joint_rms), self.declare('noise.force', noise.force_rms)
+        usual = noise.joint_rms, noise.force_rms
+        levels = self.declare('noise.joint', usual[0]), self.declare('noise.force', usual[1])
+        noise = noise if levels == usual else Noise(*levels, noise.force_relative)
         samples = 'noise.joint_sample', 'noise.force_sample', 'bias.x', 'bias.y'
         joint_noise, force_noise, *bias = map(self.value, samples)
         rates = {name: self.value(name) for name in ('joint_rate', 'wrench_rate')}
-        return SensorModel(noise.with_rms(joint, force), joint_noise, force_noise, (bias[0], bias[1]), **rates)
+        return SensorModel(noise, joint_noise, force_noise, (bias[0], bias[1]), **rates)
 
     def _obey(self) -> Commanded:
         """A robot that is commanded, by the model or in MuJoCo."""

@@ -335,9 +335,11 @@ class Planner:
             return np.zeros((size, size))
         metadata = TouchMetadata.of(t, cell.sensor.frame)
         force = force_on_object(arm, t.force, t.joints, metadata)
-        tips = direct_kinetostatics(arm.model.parameters, t.joints, force, cell.gripper)[0]
+        tips = direct_kinetostatics(arm.model.parameters, t.joints, force, cell.gripper_sign)[0]
         plan = Plan(t.disc, cell.surfaces.angles(t.disc, tips, force), t.posture, np.hypot(*force.T))
-        pressed = inverse_kinetostatics(arm.model.parameters, plan.contact(cell), force, t.posture, cell.gripper)[0]
+        pressed = inverse_kinetostatics(arm.model.parameters, plan.contact(cell), force, t.posture, cell.gripper_sign)[
+            0
+        ]
         there = np.asarray(np.isfinite(pressed).all(axis=1))
         point = exact_plan(self.robot, plan.select(there), metadata.select(there)).point
         rows = (point.whitened.jacobian * declared_rows(self.robot)[0]).reshape(-1, size)

@@ -190,7 +190,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     p, cell, declared = robot.parameters, robot.cell, robot.declared
     surface, surfaces = plan.surface(cell), cell.surfaces
     pressed = -plan.force[:, None] * plan.normal(cell)
-    joints, torques = inverse_kinetostatics(p, plan.contact(cell), pressed, plan.posture, cell.gripper)
+    joints, torques = inverse_kinetostatics(p, plan.contact(cell), pressed, plan.posture, cell.gripper_sign)
     if not np.isfinite(joints).all():
         lost = int(np.flatnonzero(~np.isfinite(joints).all(axis=1))[0])
         raise UnsupportedDataError(f'the robot cannot reach touch {lost} of the plan', 'leave it out, or move its disc')
@@ -199,7 +199,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     direction = np.arctan2(pressed[:, 1], pressed[:, 0])
     state = State(links[:, 0], links[:, 1], plan.force, direction, modes[:, 0], modes[:, 1])
     observations = Observations(
-        joints, measured, surfaces.centers[surface], surfaces.radii[surface], cell.sensor.frame, cell.gripper
+        joints, measured, surfaces.centers[surface], surfaces.radii[surface], cell.sensor.frame, cell.gripper_sign
     )
     if cell.has_outlines:
         observations = observations._replace(tangents=surfaces.tangents[surface])
@@ -330,7 +330,7 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
     forces = np.concatenate([np.zeros((1, 2)), load * np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
     side, row, column = np.nonzero(possible)
     places, sides = np.repeat(grid[row, column], len(forces), axis=0), np.repeat(np.array(POSTURES)[side], len(forces))
-    law, force = Law(robot.model, robot.cell.gripper), Force.of(np.tile(forces, (len(side), 1)))
+    law, force = Law(robot.model, robot.cell.gripper_sign), Force.of(np.tile(forces, (len(side), 1)))
     links = kinematics.inverse(robot.parameters, places, sides)
     found = tip_under_load(law, links, force, TouchMetadata.plain(len(places))._replace(posture=sides))
     turns = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))

@@ -165,7 +165,6 @@ def _identifiability(c: Calibration) -> Document:
         'confounded_effects': [group for group in found.confounded if group not in own],
         'combinations': [{key: getattr(item, key) for key in keys} for item in found.combinations],
         'advice': found.advice,
-        **({'notes': found.notes} if found.notes else {}),
     }
 
 

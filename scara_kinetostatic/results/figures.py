@@ -251,7 +251,7 @@ def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
     moved, known = np.full(joints.shape, np.nan), np.isfinite(joints).all(axis=-1)
     each = np.broadcast_to(force, joints[known].shape)
     models = (c.model, ExtendedModel(c.cell.nominal))
-    calibrated, nominal = (direct_kinetostatics(model, joints[known], each, c.cell.gripper)[0] for model in models)
+    calibrated, nominal = (direct_kinetostatics(model, joints[known], each, c.cell.gripper_sign)[0] for model in models)
     moved[known] = calibrated - nominal
     return moved
 

@@ -103,7 +103,7 @@ def identifiability(outcome: Outcome) -> list[str]:
     for item in found.combinations:
         value = shown(item.value, item.std, item.unit).text
         lines.append(f'Only the combination {item.text} (factor in SI units) = {value} is determined.')
-    return [*lines, *(f'{note[0].upper()}{note[1:]}.' for note in found.notes)]
+    return lines
 
 
 def tip_sentences(outcome: Outcome) -> list[str]:

@@ -180,7 +180,7 @@ class ModelBody:
                 history, order=np.array([self.contacts]), surface=np.array([k]),
             )  # fmt: skip
         found = contact(
-            self.model, q, s.centers, s.radii, self.cell.gripper,
+            self.model, q, s.centers, s.radii, self.cell.gripper_sign,
             warm_start=np.array([self.force]) if self.touched else None,
             metadata=self._metadata, tangents=s.tangents if self._outlines else None,
         )  # fmt: skip

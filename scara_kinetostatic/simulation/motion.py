@@ -364,7 +364,7 @@ class Trajectory(Motion):
             joints,
             at.centers,
             at.radii,
-            self.cell.gripper,
+            self.cell.gripper_sign,
             tension=tension,
             warm_start=warm_start,
             metadata=metadata,
@@ -397,7 +397,7 @@ class Trajectory(Motion):
         """
         wanted, planned, p = relative_force * self.plan.force, relative_force * self._planned, self.truth
         # depth per force of the robot without effects, m/N
-        torques = inverse_kinetostatics(p, self._contact, self._planned, self.plan.posture, self.cell.gripper)[1]
+        torques = inverse_kinetostatics(p, self._contact, self._planned, self.plan.posture, self.cell.gripper_sign)[1]
         arms = torques / self.plan.force[:, None]
         compliance = p.p_ee + (np.array([p.p1, p.p2]) * arms**2).sum(axis=1)
         depth, slope, todo = start.copy(), compliance.copy(), self._every
@@ -498,7 +498,7 @@ class Trajectory(Motion):
 
     def _pose(self, tip: Floats, force: Floats, touch: Indices | slice = slice(None)) -> Floats:
         """Ḡ in the posture of touches, all or some: Q for places of the tip and forces, (k, 2) each."""
-        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper)[0]
+        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper_sign)[0]
 
     def _loaded_joints(self, touch: Indices, relative_force: Floats) -> Floats:
         """Ḡ at a relative force, without a jump of a full turn within the touch."""

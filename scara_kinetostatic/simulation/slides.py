@@ -288,7 +288,9 @@ class SlidingMotion(Motion):
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture
-        joints, torques = inverse_kinetostatics(self.model, tip, force, np.full(len(tip), posture), self.cell.gripper)
+        joints, torques = inverse_kinetostatics(
+            self.model, tip, force, np.full(len(tip), posture), self.cell.gripper_sign
+        )
         arm = torques / np.hypot(*force.T)[:, None]
         return np.asarray(joints + (p.g1, p.g2) * (np.clip(arm / CROSSING, -1.0, 1.0) - np.sign(torques)))
 

@@ -10,7 +10,7 @@ from calibration.studies import EXACT
 from diagnosis.simulated import CELL, PLAN, effect
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal, without_sources
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.solver import Termination
@@ -168,12 +168,6 @@ def test_estimated_noise_of_few_touches_does_not_grow_with_what_is_declared():
     assert 0.4 < fit.noise.force_rms / CELL.noise.force_rms < 2
     assert 0.4 < fit.noise.joint_rms / CELL.noise.joint_rms < 2
     assert fit.enlargement == 1
-
-
-def test_what_is_held_of_a_disc_alone_leaves_its_other_errors():
-    cell = replace(CELL, discs=tuple(disc._replace(center_std=1e-5) for disc in CELL.discs))
-    found = without_sources(cell, {'object_rotation[disc_1]', 'object_position[disc_2]'})
-    assert [disc.center_std for disc in found.discs] == [1e-5, 0.0, 1e-5]
 
 
 def test_no_force_is_behind_a_reading_that_errs_by_as_much():

@@ -22,15 +22,6 @@ def test_a_step_is_that_of_the_augmented_system(damping):
     np.testing.assert_allclose(step, expected, rtol=1e-12)
 
 
-def test_blocks_of_rows_change_nothing(monkeypatch):
-    jacobian, residual = system(n=100)
-    whole = least_squares.compress(jacobian, residual)
-    monkeypatch.setattr('scara_kinetostatic.calibration.observations.BLOCK', 7)
-    parts = least_squares.compress(jacobian, residual)
-    np.testing.assert_allclose(parts.values, whole.values, rtol=1e-12)
-    np.testing.assert_allclose(least_squares.damped_step(parts, 0.0), least_squares.damped_step(whole, 0.0), rtol=1e-12)
-
-
 def test_singular_system_takes_the_shortest_step():
     jacobian, residual = system()
     jacobian[:, :, 4] = 2 * jacobian[:, :, 3]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, NOISE, PLAN, effect, simulate
+from diagnosis.simulated import CELL, MORE, NOISE, effect, simulate
 
 from benchmark.common import dump_touch_table
 from scara_kinetostatic.cli.main import main
@@ -22,8 +22,8 @@ from scara_kinetostatic.model.touch import TouchSet
 pytestmark = pytest.mark.usefixtures('without_page')
 UNDIAGNOSED = pytest.mark.usefixtures('undiagnosed')
 
-TOUCHES = simulate((effect('object_radius[disc_2]'), (6e-5,)))
-assert len(PLAN) == len(TOUCHES)
+TOUCHES = simulate((effect('object_radius[disc_2]'), (6e-5,)), plan=MORE)
+assert len(MORE) == len(TOUCHES)
 assert CELL.noise == NOISE
 
 

@@ -17,22 +17,26 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 UNKNOWN_NOISE = replace(CELL, noise=None)
-PLAN = default_plan(CELL, per_disc=18, preload=0.3)
-"""108 touches, every other one preloaded beyond its force."""
+PLAN = default_plan(CELL, per_disc=12, preload=0.3)
+"""72 touches, every other one preloaded beyond its force."""
+MORE = default_plan(CELL, per_disc=18, preload=0.3)
+"""108 of them."""
 
 
 def effect(label: str) -> Effect:
     return find(CELL, label)
 
 
-def simulate(*effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_ACTUAL, seed: int = 1) -> TouchSet:
-    """108 touches of a robot with effects, each with its values."""
+def simulate(
+    *effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_ACTUAL, seed: int = 1, plan: Plan = PLAN
+) -> TouchSet:
+    """Touches of a robot with effects, each with its values."""
     laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
-    return simulate_touches(CELL, ExtendedModel(truth, laws, values), PLAN, NOISE, seed)
+    return simulate_touches(CELL, ExtendedModel(truth, laws, values), plan, NOISE, seed)
 
 
 @cache

@@ -19,10 +19,10 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 def test_clean_data_raise_no_alarm():
     cases = ((PAPER_ACTUAL, CELL), (PAPER_MEASURED, replace(CELL, noise=None)))
-    verdicts = [diagnose(calibrate(touches(robot, seed), cell)) for robot, cell in cases for seed in range(2)]
-    assert sum(item.verdict != 'none' for item in verdicts) <= 1
-    assert 0 < np.min([item.p_value for item in verdicts]) <= 1
-    assert all(not item.found and item.extended is None for item in verdicts if item.verdict == 'none')
+    for robot, cell in cases:
+        found = diagnose(calibrate(touches(robot), cell))
+        assert (found.verdict, found.found, found.extended) == ('none', (), None)
+        assert 1e-3 < found.p_value <= 1
 
 
 def test_two_force_levels_show_no_curve_over_the_force():
@@ -92,11 +92,8 @@ def test_the_test_is_that_of_a_fit_without_the_value():
     assert abs(test.off) == pytest.approx(abs(free['l1'].value - CELL.nominal.l1), rel=1e-3)
 
 
-def test_noise_stated_too_large_neither_masks_nor_creates_an_effect():
+def test_noise_stated_too_large_masks_no_effect():
     cell = replace(CELL, noise=Noise(3 * NOISE.joint, 3 * NOISE.force))
-    clean = diagnose(calibrate(simulate(seed=0), cell))
-    assert clean.verdict == 'none'
-    assert 'it is stated too large' in clean.advice
     found = diagnose(calibrate(simulate((effect('encoder_gain[joint1]'), (6e-5,)), seed=3), cell))
     check_explained(found, 'encoder_gain[joint1]', (6e-5,))
     assert found.extended.noise_source == 'estimated'

@@ -8,18 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import conclude_outcome
-from diagnosis.simulated import (
-    CELL,
-    NOISE,
-    PLAN,
-    UNKNOWN_NOISE,
-    check_explained,
-    check_parameters,
-    deviations,
-    effect,
-    named,
-    simulate,
-)
+from diagnosis.simulated import CELL, MORE, NOISE, UNKNOWN_NOISE, check_parameters, deviations, effect, named, simulate
 
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
@@ -98,7 +87,7 @@ def test_the_score_test_of_off_normal_angles_is_calibrated():
 
 
 def test_noise_that_grows_with_the_force_is_no_friction():
-    data = simulate(seed=7)
+    data = simulate(seed=7, plan=MORE)
     size = np.hypot(*data.force.T)[:, None]
     noisy = data.replace(force=data.force + 0.04 * size * np.random.default_rng(7).standard_normal((len(data), 2)))
     fit = calibrate(noisy, UNKNOWN_NOISE)
@@ -130,7 +119,7 @@ BY_AXIS = Noise((0.4e-5, 1.36e-5), (0.41, 0.103))
 
 def with_noise(noise, seed, *effects):
     laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
-    return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, laws, values), PLAN, noise, seed)
+    return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, laws, values), MORE, noise, seed)
 
 
 def test_noise_that_grows_is_found_beside_stated_levels_and_said():
@@ -161,11 +150,6 @@ def test_what_is_stated_is_kept():
     stated = BY_AXIS._replace(force_relative=0.0)
     found = diagnose(calibrate(with_noise(BY_AXIS, 4), replace(CELL, noise=stated)))
     assert (found.verdict, found.refitted.noise) == ('none', stated)
-
-
-def test_noise_that_grows_hides_no_disc_of_another_radius():
-    law, values = effect('object_radius[disc_2]'), (6e-5,)
-    check_explained(diagnose(calibrate(with_noise(GROWING, 5, (law, values)), UNKNOWN_NOISE)), law.label, values)
 
 
 def test_a_disc_of_another_radius_is_no_noise():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from diagnosis.simulated import CELL, effect, examined, simulate
 from scipy import stats
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
+from scara_kinetostatic.diagnosis.candidates import gather
 from scara_kinetostatic.diagnosis.comparison import _pool, discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import f_test, pose_problem
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
@@ -105,25 +104,6 @@ def test_everything_in_the_catalogue_is_ranked_once():
     best = found.ranking[0]
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
-
-
-def test_trials_that_the_base_model_explains_gain_nothing() -> None:
-    """All of their columns are 0, as where an effect acts on nothing that these few touches show."""
-    columns, none = np.zeros((4, 3, 2)), np.zeros((3, 2))
-    scan = Scan(None, (), columns, 3, 0.0, np.zeros((3, 2, 2)), none)  # type: ignore[arg-type]
-    assert gains(None, scan).tolist() == [0.0, 0.0, 0.0]  # type: ignore[arg-type]
-
-
-def test_trials_that_are_among_what_stands_beside_gain_nothing() -> None:
-    """What is left of their columns is rounding."""
-    random = np.random.default_rng(1)
-    for _ in range(50):
-        columns = random.standard_normal((6, 2, 2)) * 10.0 ** random.uniform(-8, 2, 2)
-        left = random.standard_normal(6)
-        beside = np.linalg.qr(columns.reshape(6, -1))[0]
-        gram, projected = np.einsum('nti,ntj->tij', columns, columns), np.einsum('nti,n->ti', columns, left)
-        scan = Scan(None, (), columns, 2, 0.0, gram, projected)  # type: ignore[arg-type]
-        assert np.abs(gains(SimpleNamespace(left=left), scan, beside)).max() < 1e-6  # type: ignore[arg-type]
 
 
 def test_f_test_is_that_of_the_textbook():

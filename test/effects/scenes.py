@@ -14,7 +14,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
-from scara_kinetostatic.model.kinematics import Gripper, inverse
+from scara_kinetostatic.model.kinematics import GripperSign, inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -40,7 +40,7 @@ class Scene(NamedTuple):
 
     @property
     def contact_problem(self) -> ContactProblem:
-        return ContactProblem(self.joints, self.poses.centers, self.poses.radii, Gripper(), self.metadata)
+        return ContactProblem(self.joints, self.poses.centers, self.poses.radii, GripperSign.PHYSICAL, self.metadata)
 
     @property
     def touch_state(self) -> TouchState:
@@ -106,14 +106,14 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
         # the tip stays where it was planned to touch; the force points from there to the centre as the effect has it
         normal = -(radii[:, None] * outward + moved) if effect.on_object else -outward
         normal = normal / np.hypot(*normal.T)[:, None]
-        reach = radii + Gripper().stretch(parameters, plan.force)
+        reach = radii + GripperSign.PHYSICAL.stretch(parameters, plan.force)
         force = plan.force[:, None] * normal
         links = inverse(parameters, centers - reach[:, None] * normal - moved, plan.posture)
         torques = joint_torques(parameters, links, force)
         joints = links + joint_deflection(parameters, torques)
         joints = joints if shift.joints is None else joints + shift.joints
         state = State(*links.T, plan.force, np.arctan2(*normal.T[::-1]), *np.sign(torques).T)
-        at = ContactProblem(joints, centers, radii, Gripper(), metadata).touch_state(parameters, state)
+        at = ContactProblem(joints, centers, radii, GripperSign.PHYSICAL, metadata).touch_state(parameters, state)
         shift = effect.shift(at, values)
     return rigid.replace(
         joints=joints, force=reported_force(ExtendedModel(parameters, (effect,), (tuple(values),)), force, metadata)

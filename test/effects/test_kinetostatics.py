@@ -10,12 +10,11 @@ from model.helpers import ROBOTS
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import Gripper, GripperSign
+from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]
 OBJECT = [effect for effect in KINDS if effect.on_object]
-SKEWED = Gripper(GripperSign.PHYSICAL, ((3e-6, 1e-6), (-2e-6, -4e-6)))
 
 
 def moves_robot(effect):
@@ -36,9 +35,7 @@ def check_identity(scene, model, gripper):
     return joints
 
 
-@pytest.mark.parametrize(
-    ('robot', 'gripper'), zip(ROBOTS, (Gripper(), SKEWED), strict=True), ids=['actual', 'measured']
-)
+@pytest.mark.parametrize(('robot', 'gripper'), zip(ROBOTS, GripperSign, strict=True), ids=['actual', 'measured'])
 @pytest.mark.parametrize(
     'effect', [effect for effect in KINDS if not effect.on_object], ids=lambda effect: effect.label
 )
@@ -59,7 +56,7 @@ def test_direct_undoes_inverse_and_contact_gives_the_force_back(effect, robot, g
 def test_all_effects_of_the_robot_at_once(robot):
     scene = random_scene(6, 300, robot)
     model = ExtendedModel(robot, tuple(ROBOT), tuple(tuple(plausible(effect)) for effect in ROBOT))
-    joints = check_identity(scene, model, Gripper())
+    joints = check_identity(scene, model, GripperSign.PHYSICAL)
     found = contact(
         model, joints, scene.poses.centers, scene.poses.radii, warm_start=scene.poses.force, metadata=scene.metadata
     )

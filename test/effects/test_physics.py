@@ -32,7 +32,7 @@ from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import Gripper, jacobian
+from scara_kinetostatic.model.kinematics import jacobian, quarter_turn
 
 SCENE = random_scene(5, 150)
 FIRST = SCENE.metadata.disc == 0
@@ -45,10 +45,10 @@ def with_effect(effect: Effect, *values: float, scene: Scene = SCENE, metadata: 
 
 
 def plain(scene: Scene = SCENE, **changes) -> Contact:
-    """Without effect, joints, centres, radii, gripper or L̄ changed."""
+    """Without effect, joints, centres, radii or L̄ changed."""
     joints, centers = changes.pop('joints', scene.joints), changes.pop('centers', scene.poses.centers)
-    radii, gripper = changes.pop('radii', scene.poses.radii), changes.pop('gripper', Gripper())
-    return contact(scene.parameters.replace(**changes), joints, centers, radii, gripper)
+    radii = changes.pop('radii', scene.poses.radii)
+    return contact(scene.parameters.replace(**changes), joints, centers, radii)
 
 
 def assert_same(one: Contact, other: Contact, tolerance: float = 1e-8) -> None:
@@ -145,7 +145,11 @@ def test_bending_of_link_1_is_that_of_a_beam():
 
 
 def test_a_gripper_that_yields_aside():
-    assert_same(with_effect(AnisotropicGripper(), 2e-6), plain(gripper=Gripper(excess=((0, 2e-6), (2e-6, 0)))), 0.05)
+    """P of the gripper in the frame of link 2 has p12 = p21, so that the work is -2 p12 F_v F_w."""
+    at = SCENE.touch_state
+    work = (AnisotropicGripper().shift(at, np.array([2e-6])).place * at.force).sum(axis=1)
+    along, across = ((at.force * axis).sum(axis=1) for axis in (at.link2, quarter_turn(at.link2)))
+    np.testing.assert_allclose(work, -4e-6 * along * across, rtol=0, atol=1e-12)
     assert np.abs(with_effect(AnisotropicGripper(), 2e-6).force - plain().force).max() > 1
 
 

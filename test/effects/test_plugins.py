@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -140,23 +139,6 @@ def test_a_broken_one_is_one_line_that_names_its_package_and_the_rest_works(site
     assert problem in line
     assert 'left out' in line
     assert '\n' not in line
-
-
-def test_a_broken_one_is_a_line_on_stderr_of_a_process(site):
-    place = site('broken-ripple', 'ripple_broken', 'import nothing_of_this_name', 'Effect')
-    code = (
-        'from scara_kinetostatic.effects import catalogue\n'
-        'from scara_kinetostatic.model.cell import PAPER_DISCS, Cell\n'
-        'from scara_kinetostatic.model.parameters import PAPER_NOMINAL\n'
-        'print(len(catalogue(Cell(PAPER_NOMINAL, PAPER_DISCS))))'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        capture_output=True, text=True, check=True, cwd=ROOT, env={'PYTHONPATH': f'{ROOT}:{place}', 'PATH': ''},
-    )  # fmt: skip
-    assert int(done.stdout) == len(catalogue(CELL))
-    assert done.stderr.count('\n') == 1
-    assert done.stderr.startswith('broken-ripple 1.0: the effect')
 
 
 def test_the_example_of_the_documentation_is_listed_and_estimated(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from calibration.studies import CELL
 from effects.scenes import EFFECTS, LABELS, random_scene
 
 from benchmark.population import SIZES
-from scara_kinetostatic.effects.base import JointEffect, SensorEffect
+from scara_kinetostatic.effects.base import JointEffect
 from scara_kinetostatic.effects.joints import EncoderGain, JointHardening
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.effects.registry import catalogue, evaluate_once, find, register, unregister
@@ -161,12 +161,6 @@ def define(**changes: object) -> type[JointEffect]:
     return type('Sample', (JointEffect,), body)
 
 
-def test_a_complete_one_is_defined():
-    labels = [effect.label for effect in define().instances(CELL)]
-    assert labels == ['sample[joint1]', 'sample[joint2]']
-    assert define().of(1).title == 'joint 2 is a sample'
-
-
 @pytest.mark.parametrize(
     ('wrong', 'words'),
     [
@@ -181,10 +175,3 @@ def test_a_complete_one_is_defined():
 def test_what_is_missing_or_unknown_is_named_with_the_class(wrong, words):
     with pytest.raises(TypeError, match=words):
         define(**wrong)
-
-
-def test_a_missing_method_of_a_sensor_effect_is_named():
-    with pytest.raises(TypeError, match=r"the method 'sensor_error"):
-
-        class NoError(SensorEffect):
-            name = 'no_error'

@@ -110,6 +110,7 @@ EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
         (_with('model', 'effects', value=[EFFECT | {'name': 'n', 'class': 'N'}]), "'l' of this calibration"),
         (_with('model', 'effects', value=[EFFECT | {'fields': 3}]), 'damaged'),
         (_with('cell', 'nominal', value={'l1': 'long'}), 'cell: robot.nominal'),
+        (_with('cell', 'gripper_excess', value=[[1e-6, 0.0], [0.0, 0.0]]), 'no general gripper; calibrate again'),
     ],
 )
 def test_anything_else_is_refused(
@@ -121,6 +122,12 @@ def test_anything_else_is_refused(
         load_calibration(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_a_gripper_that_older_files_state_to_be_isotropic_is_read(plain: Outcome, tmp_path: Path) -> None:
+    path = tmp_path / 'calibration.json'
+    path.write_text(json.dumps(_with('cell', 'gripper_excess', value=[[0.0, 0.0]] * 2)(as_document(plain))))
+    assert load_calibration(path).cell == plain.calibration.cell
 
 
 def test_a_value_changed_by_hand_in_the_parameter_file_is_refused(plain: Outcome, tmp_path: Path) -> None:

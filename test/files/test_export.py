@@ -193,9 +193,9 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedA
     joints = arm.cell.angles(start + columns(rows, 'dq1_rad', 'dq2_rad'))
     loaded = np.array([row['status'] == 'ok' for row in rows])
     assert loaded.sum() > 50
-    found, _ = direct_kinetostatics(arm.model, joints, force, arm.cell.gripper)
+    found, _ = direct_kinetostatics(arm.model, joints, force, arm.cell.gripper_sign)
     np.testing.assert_allclose(found[loaded], tip[loaded], rtol=0, atol=1e-9)
-    nominal, _ = direct_kinetostatics(arm.model, arm.cell.angles(start), force, arm.cell.gripper)
+    nominal, _ = direct_kinetostatics(arm.model, arm.cell.angles(start), force, arm.cell.gripper_sign)
     miss = np.linalg.norm(nominal - tip, axis=1)
     np.testing.assert_allclose(miss[loaded], columns(rows, 'miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands
 

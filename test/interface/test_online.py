@@ -9,7 +9,6 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import online
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, force_on_object, in_sensor_frame
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
@@ -101,12 +100,6 @@ def test_the_covariance_follows(arm: CalibratedArm) -> None:
         if found.status == 'ok':
             expected = follower.predictor.locate(np.array([[0.4, angle]]), np.array([[20.0, 25.0]]), measured=True)
             np.testing.assert_allclose(found.covariance[0, 0], expected.covariance[0, 0, 0], rtol=0.05)
-
-
-def test_a_gripper_that_is_not_isotropic_is_refused(arm: CalibratedArm) -> None:
-    cell = replace(PAPER_CELL, gripper_excess=((1e-6, 0.0), (0.0, 0.0)))
-    with pytest.raises(ParameterError, match='isotropic'):
-        OnlineArm(replace(arm, cell=cell))
 
 
 @pytest.mark.parametrize('frame', list(SensorFrame))

@@ -38,7 +38,7 @@ def test_uncertainty_is_that_of_sigma_points(outcome):
     spread = np.sqrt(len(values) * np.maximum(values, 0)) * vectors
     drawn = c.full_model.as_array() + np.hstack([spread, -spread]).T
     models = [c.full_model.with_array(values) for values in drawn]
-    gripper, sides = c.cell.gripper, np.array([1, -1, 1, -1])
+    gripper, sides = c.cell.gripper_sign, np.array([1, -1, 1, -1])
     tips = np.array([direct_kinetostatics(model, angles.joints, FORCE, gripper)[0] for model in models])
     joints = np.array([inverse_kinetostatics(model, POSITION, FORCE, sides, gripper)[0] for model in models])
     assert place.loaded.all()

@@ -7,13 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.kinematics import Gripper, GripperSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 
 ROBOTS = (PAPER_ACTUAL, PAPER_MEASURED)
-EXCESS = ((4e-6, 7e-6), (7e-6, -3e-6))
-GRIPPERS = (*map(Gripper, GripperSign), Gripper(excess=EXCESS), Gripper(GripperSign.PAPER, EXCESS))
-"""With the last one, whose stiffness is negative, the equilibrium of a contact is not unique."""
 STEPS = np.array([1e-6] * 6 + [1e-9] * 3 + [1e-6] * 3)
 """Step of each parameter: small against its effect's curvature, large against rounding."""
 

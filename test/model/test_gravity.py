@@ -46,23 +46,6 @@ def poses(n=300, seed=4):
     return tip, force, joints, torques, tip + RADIUS * unit
 
 
-def test_torques_are_those_of_masses_on_the_links():
-    joints, masses = np.array([[0.3, 0.9]]), ((3.0, 0.2), (2.0, 0.15))
-    p = sk.PAPER_NOMINAL.replace(p1=0.0, p2=0.0, p_ee=1e-5, gravity=GRAVITY)
-    p = p.replace(s1=3.0 * 0.2 + 2.0 * p.l1, s2=2.0 * 0.15)
-
-    def energy(q):
-        e1 = np.array([np.cos(q[0]), np.sin(q[0])])
-        e2 = np.array([np.cos(q[0] + q[1]), np.sin(q[0] + q[1])])
-        places = masses[0][1] * e1, p.l1 * e1 + masses[1][1] * e2
-        return -sum(m * np.dot(GRAVITY, place) for (m, _), place in zip(masses, places, strict=True))
-
-    step = 1e-6
-    held = [(energy(joints[0] + step * unit) - energy(joints[0] - step * unit)) / (2 * step) for unit in np.eye(2)]
-    _, torques = direct_kinetostatics(p, joints, np.zeros((1, 2)))
-    np.testing.assert_allclose(torques[0], held, rtol=1e-8)
-
-
 def test_an_unloaded_arm_hangs_in_its_gaps():
     joints = np.array([[0.2, 0.3], [2.9, -0.3]])
     state = free_state(TRUTH, joints, np.array([[0.3, 0.3]] * 2))

@@ -12,24 +12,6 @@ from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.touch import play_limits, play_operator, play_range, remembered, torques_of
 
 
-def driven(load: np.ndarray, half_width: float) -> float:
-    """A play driven in small steps: a block of half width r that is pushed along."""
-    block = 0.0
-    for begin, end in zip([0.0, *load[:-1]], load, strict=True):
-        for value in np.linspace(begin, end, 200):
-            block = value - half_width if value - block > half_width else block
-            block = value + half_width if value - block < -half_width else block
-    return block
-
-
-@pytest.mark.parametrize('half_width', [0.1, 1.0, 3.0, 20.0])
-def test_a_play_is_a_block_that_is_pushed_along(half_width):
-    for seed in range(5):
-        load = np.random.default_rng(seed).normal(0.0, 4.0, 12)
-        state = play_operator(load[None, :-1], load[-1:], half_width)
-        assert state[0][0] == pytest.approx(driven(load, half_width), abs=1e-12)
-
-
 def test_loaded_from_zero_it_lags_by_its_half_width_and_keeps_as_much_unloaded():
     loads = np.array([-9.0, -1.0, 0.5, 7.0])
     nothing = np.empty((4, 0))
@@ -53,7 +35,7 @@ def test_the_derivative_and_many_widths_at_once():
 
 def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
     random = np.random.default_rng(4)
-    for _ in range(40):
+    for _ in range(10):
         load = np.round(random.normal(0, 5, (60, 2)) * random.integers(0, 2, (60, 1)), 1)  # back to 0 again and again
         last = random.normal(0, 5, 2)
         few = load[remembered([(one, other) for one, other in load.tolist()])]
@@ -81,9 +63,9 @@ def test_torques_in_both_frames(robot):
 def test_friction_that_grows_with_the_load() -> None:
     """Against its definition |C - p| ≤ r + μ |p|, one small step after the other, and its derivatives."""
     random = np.random.default_rng(4)
-    turns, r, mu = random.uniform(-10.0, 10.0, (20, 5)), 0.7, 0.35
+    turns, r, mu = random.uniform(-10.0, 10.0, (8, 4)), 0.7, 0.35
     found = play_operator(turns[:, :-1], turns[:, -1], r, mu)
-    value, here = np.zeros(20), np.zeros(20)
+    value, here = np.zeros(8), np.zeros(8)
     for turn in turns.T:
         for load in np.linspace(here, turn, 301)[1:]:
             for _ in range(60):  # friction lets through what it cannot hold

@@ -8,7 +8,7 @@ from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.contact import all_derivatives, contact, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import Gripper
+from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.outline import Outline, boundary, inside, outline_problem, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch_equations import ContactProblem, Edges, State
@@ -108,7 +108,7 @@ def _touched(outline):
     from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 
     force = -np.linspace(8.0, 40.0, len(normal))[:, None] * normal
-    joints = inverse_kinetostatics(ARM, place, force, np.ones(len(normal), dtype=int), Gripper())[0]
+    joints = inverse_kinetostatics(ARM, place, force, np.ones(len(normal), dtype=int))[0]
     return surfaces, joints, force, place
 
 
@@ -134,7 +134,7 @@ def test_no_force_before_an_edge():
 def test_derivatives_at_edges_are_those_of_differences():
     surfaces, joints, _, _ = _touched(SQUARE)
     model, edges = ExtendedModel(ARM), Edges.of(surfaces.tangents, surfaces.radii)
-    problem = ContactProblem(joints, surfaces.centers, surfaces.radii, Gripper(), edges=edges)
+    problem = ContactProblem(joints, surfaces.centers, surfaces.radii, GripperSign.PHYSICAL, edges=edges)
     found = contact(ARM, joints, surfaces.centers, surfaces.radii, tangents=surfaces.tangents)
     state = found.state
     h = all_derivatives(model, problem, state, extended_equations(model, problem, state))

@@ -10,9 +10,7 @@ import pytest
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plane, Sensor, SensorFrame
-from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
 PLANE = Plane('base_link', (0.1, -0.2, 0.3), (0.0, 0.6, 0.8), (1.0, 0.0, 0.0), 'tool0')
 UPRIGHT = PAPER_CELL.nominal.replace(gravity=(1.0, -9.0), s1=4.0, s2=1.5, phi1=0.2, phi2=-0.7)
@@ -75,7 +73,3 @@ def test_a_wrong_key_is_one_line(part: str, line: str, words: str) -> None:
     with pytest.raises(CellError, match=rf'{part}.*{words}') as caught:
         parse_cell(text)
     assert '\n' not in str(caught.value)
-
-
-def test_the_arm_of_an_actual_cell_is_where_it_was() -> None:
-    assert np.allclose(Plane().in_robot(forward(PAPER_ACTUAL, [[0.3, 0.4]])), [[*forward(PAPER_ACTUAL, [0.3, 0.4]), 0]])

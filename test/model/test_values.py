@@ -13,7 +13,6 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -107,8 +106,3 @@ def test_other_effects_keep_the_values_of_those_that_stay():
 def test_values_must_be_finite_and_one_per_parameter(values):
     with pytest.raises(ParameterError, match='expected'):
         ExtendedModel(PAPER_ACTUAL, (GAIN, PLACE), values)
-
-
-def test_senseless_matrix_is_refused():
-    with pytest.raises(ParameterError, match='2×2'):
-        Gripper(excess=((1.0, float('nan')), (0.0, 1.0)))

@@ -35,7 +35,7 @@ def test_a_pressed_tip_has_the_force_of_the_model(frame: SensorFrame, angle: flo
     out = np.array([np.cos(angle), np.sin(angle)])
     place = np.array([[DISC.x, DISC.y]]) + DISC.radius * out
     free = inverse(PAPER_ACTUAL, place + 0.01 * out, 1)[0]
-    pressed = inverse_kinetostatics(PAPER_ACTUAL, place, -30.0 * out[None], np.array([1]), cell.gripper)[0][0]
+    pressed = inverse_kinetostatics(PAPER_ACTUAL, place, -30.0 * out[None], np.array([1]), cell.gripper_sign)[0][0]
     assert go(at, free, 0.02, 2.0).touched == ''
     assert go(at, free, 0.0, 0.3).touched == ''
     last = go(at, pressed, 0.0, 2.0)
