@@ -46,7 +46,6 @@ class Job(NamedTuple):
         left_out: touches and recordings to leave out, as the parameter `leave_out` has them.
         output: folder for the results.
         publish_unfit: whether a result that is not fit for use replaces an earlier one.
-        name: under which the result is kept.
     """
 
     recordings: list[str]
@@ -55,7 +54,6 @@ class Job(NamedTuple):
     left_out: list[str]
     output: str
     publish_unfit: bool
-    name: str = ''
 
 
 def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:

@@ -4,7 +4,7 @@ Every message goes into the bag as it came. The same messages go through the
 touch detection; a touch is counted on `~/touches` only when the bag holds it
 durably, and published on `~/touch` with its judgement. Services `~/start` and
 `~/stop` begin and end a recording, each in a new folder, which is announced on
-`~/recording`, its end by `~/stop` on `~/stopped`; `~/discard_last` discards a touch. A full or vanished disk ends
+`~/recording`; `~/discard_last` discards a touch. A full or vanished disk ends
 the recording, not the node; so does a folder that cannot be written to. What
 would spoil a recording is said at once: several publishers on a topic, clocks
 that differ, touches that are rejected, a disk that will be full.
@@ -46,7 +46,6 @@ class Collector(RecordingNode):
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
-        self._stopped = self.create_publisher(String, '~/stopped', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms, judges=True)
         self._streams.subscribe(self._record)
         self.serve('start', self._start)
@@ -77,7 +76,6 @@ class Collector(RecordingNode):
         return self._with_warnings(f'recording to {self._running().folder}')
 
     def _stop(self) -> str:
-        self._stopped.publish(String(data=str(self._running().folder)))
         answer = self._end()
         if self._failure or self._silent():
             raise RefusedError(answer)

@@ -75,9 +75,8 @@ class Visualizer(CellNode):
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self._next_touch: PoseStamped | None = None
         self._next_text = ''
-        for name in ('calibrator', 'touch_runner'):
-            self.create_subscription(PoseStamped, f'{name}/next_touch', self._note_next, LATCHED)
-            self.create_subscription(DiagnosticArray, f'{name}/state', self._note_state, LATCHED)
+        self.create_subscription(PoseStamped, 'touch_runner/next_touch', self._note_next, LATCHED)
+        self.create_subscription(DiagnosticArray, 'touch_runner/state', self._note_state, LATCHED)
         self._describe(None)
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
@@ -126,7 +125,7 @@ class Visualizer(CellNode):
             self._describe(calibrated)
 
     def _note_next(self, message: PoseStamped) -> None:
-        self._next_touch, self._changed = message if message.header.frame_id else None, True
+        self._next_touch, self._changed = message, True
 
     def _note_state(self, message: DiagnosticArray) -> None:
         text = '; '.join(status.message for status in message.status)

@@ -20,7 +20,6 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.calibration_job import Job, do
-from scara_kinetostatic.nodes.calibrator import Announced
 from scara_kinetostatic.results import report as page
 from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.simulation.plan import default_plan
@@ -149,34 +148,3 @@ def test_the_process_ends_with_the_node(bags, tmp_path):
     assert process.wait(WAIT) == 1
     process.stderr.close()
     assert not (tmp_path / 'out').exists()
-
-
-@pytest.mark.parametrize(
-    ('announcements', 'session', 'last', 'everything'),
-    [
-        ([('a', 3)], ['a'], ['a'], ['a']),
-        ([('a', 1), ('a', 1)], ['a'], ['a'], ['a']),
-        ([('a', 1), ('b', 2)], ['b'], ['b'], ['a', 'b']),  # told to stop and to start
-        ([('a', 1), ('b', 1)], ['a', 'b'], ['b'], ['a', 'b']),  # started anew
-        ([('a', 1), ('b', 2), ('c', 1), ('d', 1)], ['b', 'c', 'd'], ['d'], ['a', 'b', 'c', 'd']),
-        ([('a', 1), ('b', 1), ('c', 2)], ['c'], ['c'], ['a', 'b', 'c']),
-        ([('a', None), ('b', None)], ['b'], ['b'], ['a', 'b']),  # a middleware without numbers
-        ([('', 1)], [], [], []),
-    ],
-)
-def test_announced_recordings_that_belong_together(announcements, session, last, everything):
-    announced = Announced()
-    for path, number in announcements:
-        announced.note(path, number)
-    assert [announced.chosen(which) for which in ('session', 'last', 'all')] == [session, last, everything]
-
-
-def test_a_recording_that_was_stopped_ends_the_session():
-    announced = Announced()
-    announced.note('monday', 1)
-    announced.note('monday_again', 1)  # after a crash
-    announced.stop('monday_again')
-    assert not announced.note('tuesday', 1)
-    assert announced.chosen('session') == ['tuesday']
-    assert announced.note('tuesday_again', 1)
-    assert announced.chosen('session') == ['tuesday', 'tuesday_again']
