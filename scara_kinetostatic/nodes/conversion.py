@@ -221,15 +221,6 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
     return PathMessage(header=_header(stamp_ns, plane), poses=poses)
 
 
-def transform(stamp_ns: int, plane: Plane, pose: Sequence[float], child: str) -> geometry.TransformStamped:
-    """The transform from the robot's frame to a child at a pose in the plane, x, y, m, and yaw, rad."""
-    place, quaternion = _in_robot(plane, pose)
-    moved = geometry.Transform(
-        translation=geometry.Vector3(**_axes(place)), rotation=geometry.Quaternion(**_axes(quaternion))
-    )
-    return geometry.TransformStamped(header=_header(stamp_ns, plane), child_frame_id=child, transform=moved)
-
-
 class JointReader:
     """Takes the joint states of one topic apart, and joins those that come in parts.
 
