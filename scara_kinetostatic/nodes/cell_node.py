@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from time import time_ns
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -302,7 +301,7 @@ Calibration = TypeVar('Calibration', CalibratedArm, CalibrationRecord)
 
 
 class FollowedCalibration(Generic[Calibration]):
-    """The calibration of the parameters `calibration` and `follow`.
+    """The calibration of the parameter `calibration`, then each later one that the calibrator publishes.
 
     Args:
         node: that uses the calibration.
@@ -327,15 +326,14 @@ class FollowedCalibration(Generic[Calibration]):
         read: Callable[[Document], Calibration],
         take: Callable[[Calibration], None],
     ) -> None:
-        self._logger, self._began = node.get_logger(), time_ns()
+        self._logger = node.get_logger()
         self._read: Callable[[Document], Calibration] = read
         self._take: Callable[[Calibration], None] = take
         self.present: Calibration | None = None
         self.origin, self.refused = 'none', ''
         self._path = node.value('calibration')
         self.given: Calibration | None = load(node.place('calibration', self._path)) if self._path else None
-        if node.value('follow'):
-            node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
+        node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
 
     def start(self) -> None:
         """Takes the calibration that the node is started with, where there is one."""
@@ -344,16 +342,15 @@ class FollowedCalibration(Generic[Calibration]):
         else:
             self._use(self.given, self._path)
 
-    def _take_result(self, message: String, info: Mapping[str, Any]) -> None:
-        """A result of the calibrator; not an older one than that of the start, published before it."""
+    def _take_result(self, message: String) -> None:
+        """A result of the calibrator; not one that is older than that in use."""
         try:
             document = parse_document(message.data, 'calibrator/result')
             if isinstance(document, dict) and not document.get('published', True):
                 return  # the calibrator keeps the former one, too
-            found, given = self._read(document), self.given
-            is_latched = int(info.get('source_timestamp') or 0) < self._began
-            if is_latched and given is not None and found.created and found.created < given.created:
-                self._logger.info(f'calibrator/result: of {found.created}, older than the calibration given; not taken')
+            found, present = self._read(document), self.present
+            if present is not None and found.created and found.created < present.created:
+                self._logger.info(f'calibrator/result: of {found.created}, older than the one in use; not taken')
                 return
             self._use(found, 'calibrator/result')
         except ScaraKinetostaticError as error:

@@ -14,7 +14,7 @@ in another frame. The way to the pose is not checked.
 service has both and joint angles (those of `std_srvs` and `nav_msgs` do not, `moveit_msgs` is no dependency), and this
 is the one message that has both. The answer has its stamp.
 
-The calibration is that of the parameter `calibration`, and with `follow` each result that the calibrator publishes.
+The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes.
 It is exchanged between two samples. `~/tare` takes the present force as zero. What is missing, stale, extrapolated or
 not tared is said on `/diagnostics`; without a recent force or a calibration that may be used there is no pose.
 """

@@ -5,7 +5,7 @@ backlash are taken out by the calibrated model, the radius of the tip along the 
 outline along which the tip slides or slid last, on `~/markers` all outlines with their uncertainty, the known objects,
 and the tip with its force; both are latched. What is farther back than 20 mm along the path does not change any more.
 
-The calibration is that of the parameter `calibration`, and with `follow` each result that the calibrator publishes;
+The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes;
 with another calibration the outlines begin anew. The zero of the force is that of the latest free motion; `~/tare`
 takes the present force as zero. `~/clear` forgets the outlines. A jump of the tip, a tip that rests, a force without a
 zero and whatever else cannot be traced is said on `/diagnostics`; the node stays up.
