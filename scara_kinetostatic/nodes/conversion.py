@@ -168,12 +168,8 @@ def joint_trajectory(
     return JointTrajectory(joint_names=list(names), points=points)
 
 
-def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
+def follow_joint_trajectory() -> Any:
     """The type of the action.
-
-    Args:
-        purpose: the parameter that asks for it.
-        remedy: what to do without it.
 
     Raises:
         InputError: `control_msgs` cannot be imported.
@@ -181,7 +177,8 @@ def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
     try:
         return import_module('control_msgs.action').FollowJointTrajectory
     except ImportError as error:
-        raise InputError(purpose, 'control_msgs cannot be imported', f'install control_msgs, or {remedy}') from error
+        remedy = 'install control_msgs, or leave action empty and command by joint_trajectory'
+        raise InputError('action', 'control_msgs cannot be imported', remedy) from error
 
 
 def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> geometry.PoseStamped:
