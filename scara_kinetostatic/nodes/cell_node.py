@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -38,13 +38,6 @@ from scara_kinetostatic.report.json_file import Document
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 CALLS = QoSProfile(depth=1000)
 """Of services: so many calls at once wait for their answer; with the default of 10 the others are lost unanswered."""
-_KINDS = {
-    str: 'a string',
-    list: 'a list of strings',
-    bool: 'true or false',
-    float: 'a number with a decimal point',
-    int: 'a whole number',
-}
 _FILE = Path(__file__).with_name('parameters.yaml')
 PARAMETERS: dict[str, dict[str, dict[str, Any]]] = parse_yaml(read_text(_FILE, ParameterError), _FILE, ParameterError)
 """Of each node, by name: what that file states."""
@@ -115,9 +108,7 @@ class CellNode(Node):
         given = [''] if default == [] else default  # an empty list has no type in ROS
         try:
             self.declare_parameter(name, given, descriptor)
-        except InvalidParameterTypeException as error:
-            raise ParameterError(f'parameter {name}', f'expected {_KINDS[type(default)]} ({error})') from error
-        except InvalidParameterValueException as error:
+        except ParameterException as error:
             raise ParameterError(f'parameter {name}', str(error)) from error
         value = self.value(name)
         self._check(name, value)

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from time import monotonic
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -28,7 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
@@ -132,7 +131,7 @@ class ContactSimulator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('contact_simulator')
-        self._cell = self._declared_cell()
+        self._cell = self.cell_or_example()
         self._plan = self._declared_plan()
         self._truth = self._declared_truth()
         self._sensors = self._declared_sensors()
@@ -156,28 +155,18 @@ class ContactSimulator(CellNode):
             kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
             self.get_logger().info(f'{len(self._plan)} {kind} planned')
 
-    def _declared_cell(self) -> Cell:
-        """The cell, with the frame and the sign that the simulated sensor really has."""
-        cell = self.cell_or_example()
-        kinds = {'frame': SensorFrame, 'sign': SensorSign}
-        taken: dict[str, Any] = {name: kind(given) for name, kind in kinds.items() if (given := self.value(name))}
-        return replace(cell, sensor=cell.sensor._replace(**taken))
-
     def _declared_plan(self) -> Plan | tuple[Slide, ...] | None:
         """The touches, or the slides along objects; None for a robot that is commanded.
 
         Raises:
             InputError: the plan cannot be read.
         """
-        file, preload, cell = self.value('plan'), self.value('preload'), self._cell
-        if self.value('commanded'):
-            if file or preload > 0:
-                problem, remedy = 'a commanded robot has no plan', 'leave out plan and preload'
-                raise ParameterError('parameter commanded', problem, remedy)
-            return None
-        if file and preload > 0:
-            raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
-        return load_planned(file, cell) if file else default_plan(cell, preload=preload)
+        file = self.value('plan')
+        if not self.value('commanded'):
+            return load_planned(file, self._cell) if file else default_plan(self._cell)
+        if file:
+            raise ParameterError('parameter commanded', 'a commanded robot has no plan', 'leave out plan')
+        return None
 
     def _declared_truth(self) -> ExtendedModel:
         """The simulated robot with its effects; by default it deviates from the nominal one as in table 2.

@@ -107,7 +107,7 @@ def test_it_obeys_and_says_what_it_refuses(processes, client, cell_in, scene):
         ({'scene': 'nowhere'}, "scene: there is no 'nowhere'"),
         ({'fault': 'nonsense'}, 'expected does_not_follow'),
         ({'lag': -1.0}, 'parameter lag'),
-        ({'preload': 0.3}, 'parameter commanded: a commanded robot has no plan'),
+        ({'plan': 'plan.yaml'}, 'parameter commanded: a commanded robot has no plan'),
         ({'scene': 'plain', 'effects': 'sensor_bias:x=1.0,y=-0.5'}, 'a scene has its own'),
     ],
 )
