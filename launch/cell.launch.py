@@ -178,7 +178,7 @@ class CellNodes:
         )
 
     def _robot_state_publisher(self) -> Node:
-        """Publishes the frames of the nominal arm; the visualizer hands it the calibrated one."""
+        """Publishes the frames of the nominal arm."""
         cell = self._cell
         urdf = side_by_side('scara', cell, None)
         values = {'robot_description': ParameterValue(urdf, value_type=str), 'frame_prefix': self._prefix}
