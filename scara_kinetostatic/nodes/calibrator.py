@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -26,10 +26,8 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.calibration.calibrate import parse_fixed
 from scara_kinetostatic.errors import CalibrationFileError, ParameterError, RecordingError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, read_document
-from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
@@ -37,7 +35,6 @@ from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results import calibration_json, parameter_file
 from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult, load_result
-from scara_kinetostatic.touches.left_out import parse_left_out
 
 _RESULT = {
     **{f'calibrated.{name}': f'{DESCRIPTIONS[name]}, {unit}' for name, unit in UNITS.items()},
@@ -109,29 +106,12 @@ class ResultParameters:
         return SetParametersResult(successful=True)
 
 
-def _check_cell(name: str, path: str) -> None:
-    if path:
-        load_cell(CellNode.place(name, path))
-
-
-def _check_left_out(name: str, value: Sequence[str]) -> None:
-    parse_left_out(list(filter(str.strip, value)), f'parameter {name}')
-
-
-def _check_fixed(name: str, value: Sequence[str]) -> None:
-    for text in filter(str.strip, value):
-        parse_fixed(text, f'parameter {name}:')
-
-
 class Calibrator(CellNode):
     """Calibrates on request. One thread spins it.
 
     Raises:
-        CellError: the cell description cannot be read, or is not valid.
         ParameterError: a parameter is not valid.
     """
-
-    checks: ClassVar = {'cell': _check_cell, 'leave_out': _check_left_out, 'fixed': _check_fixed}
 
     def __init__(self) -> None:
         super().__init__('calibrator')

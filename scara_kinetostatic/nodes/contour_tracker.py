@@ -150,16 +150,7 @@ def _figures(online: OnlineContour) -> dict[str, str]:
         'zero of the force [N]': 'not known' if zero is None else f'({zero[0]:.4g}, {zero[1]:.4g})',
     }
     if outline is not None:
-        std = float(np.median(outline.std))
-        figures |= {
-            'outline': 'closed' if outline.closed else 'open',
-            'length [mm]': f'{1e3 * outline.length:.1f}',
-            'standard uncertainty, median [µm]': f'{1e6 * std:.1f}' if np.isfinite(std) else 'not known',
-        }
+        figures |= {'outline': 'closed' if outline.closed else 'open', 'length [mm]': f'{1e3 * outline.length:.1f}'}
     if contour is not None:
-        friction = contour.friction
-        figures |= {
-            'force [N]': f'{np.hypot(*contour.force[-1]):.3g}',
-            'coefficient of friction': f'{friction.coefficient:.3f} ± {friction.std:.3f}',
-        }
+        figures['coefficient of friction'] = f'{contour.friction.coefficient:.3f} ± {contour.friction.std:.3f}'
     return figures

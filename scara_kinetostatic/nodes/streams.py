@@ -22,12 +22,12 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.wait_for_message import wait_for_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -390,22 +390,16 @@ def heard_description(topic: str) -> str:
     Raises:
         InputError: the name is none of a topic, or nothing comes within 10 s.
     """
-    context, texts = Context(), list[str]()
+    context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node, executor = rclpy.create_node('cell', context=context), SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        try:
-            node.create_subscription(String, topic, lambda message: texts.append(message.data), LATCHED)
-        except InvalidTopicNameException as error:
-            raise InputError(topic, 'is no name of a topic', 'write it as ros2 topic list does') from error
-        end = monotonic() + 10.0
-        while not texts and monotonic() < end:
-            executor.spin_once(timeout_sec=0.1)
-        executor.shutdown()
+        node = rclpy.create_node('cell', context=context)
+        found, message = wait_for_message(String, node, topic, qos_profile=LATCHED, time_to_wait=10.0)
+    except InvalidTopicNameException as error:
+        raise InputError(topic, 'is no name of a topic', 'write it as ros2 topic list does') from error
     finally:
         context.try_shutdown()
-    if not texts:
+    if not found:
         remedy = 'start robot_state_publisher, or give the file by --urdf'
         raise InputError(topic, 'no robot description in 10 s', remedy)
-    return texts[0]
+    return str(message.data)

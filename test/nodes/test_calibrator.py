@@ -181,12 +181,21 @@ def test_a_calibration_that_does_not_end_is_killed(calling, recording, monkeypat
     assert 'cancelled' in answer.result().message
 
 
-def test_a_wrong_cell_is_refused_by_name(calling, tmp_path, cell_file):
-    b, wrong = calling(), tmp_path / 'wrong.yaml'
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('cell', '{wrong}', 'radius'),
+        ('leave_out', ['7-5'], 'parameter leave_out: 7-5: expected a range'),
+        ('fixed', ['l1=long'], 'parameter fixed:'),
+    ],
+)
+def test_what_makes_no_sense_is_said_when_it_is_used(calling, recording, tmp_path, cell_file, name, value, message):
+    wrong = tmp_path / 'wrong.yaml'
     wrong.write_text(cell_file.read_text().replace('radius: 0.15', 'radius: -0.15'))
-    assert 'radius' in b.set('cell', str(wrong))
-    assert 'Wrong parameter type' in b.set('cell', 3)
-    assert b.set('cell', str(cell_file)) == ''
+    b = calling(recording=recording)
+    assert b.set(name, str(wrong) if name == 'cell' else value) == ''
+    answer = b.calibrate()
+    assert not answer.success and message in answer.message
 
 
 def test_a_calibration_gives_up_when_the_node_ends(processes, client, recording, tmp_path):

@@ -18,7 +18,7 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.nodes import session
-from scara_kinetostatic.nodes.cell_node import OK, WARN, PersistentComplaints
+from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import Session
@@ -112,18 +112,6 @@ def test_a_robot_whose_cell_is_given_is_no_example(spin, cell_file):
     collector = spin(Collector, cell=cell_file)
     publish_as(collector, '/left/driver')
     assert collector._examine().level == OK
-
-
-def test_a_problem_is_logged_once_when_it_lasts():
-    logged: list[str] = []
-    complaints = PersistentComplaints(logged.append)
-    for number in range(5):
-        assert complaints.note(['', f'{number} MiB left', 'once' if number == 2 else '']) != []
-    assert logged == ['2 MiB left']
-    complaints.note([])
-    for _ in range(3):
-        complaints.note(['7 MiB left'])
-    assert logged == ['2 MiB left', '7 MiB left']
 
 
 def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():
