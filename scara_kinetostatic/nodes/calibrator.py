@@ -26,7 +26,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import CalibrationFileError, ParameterError, RecordingError, ScaraKinetostaticError
+from scara_kinetostatic.errors import ParameterError, RecordingError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, read_document
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
@@ -248,9 +248,9 @@ class Calibrator(CellNode):
             Whether it may be used, and the result in one line.
 
         Raises:
-            CalibrationFileError: `calibration.json` cannot be read, or is damaged.
+            CalibrationFileError: `calibration.json` cannot be read.
         """
-        stored, file = load_result(folder / parameter_file.NAME), folder / calibration_json.NAME
+        stored = load_result(folder / parameter_file.NAME)
         facts: Mapping[str, Any] = stored.facts
         is_fit = facts['assessment'] != UNFIT
         published = is_fit or job.publish_unfit
@@ -258,10 +258,7 @@ class Calibrator(CellNode):
         if not published:
             message += '; the parameters calibrated.* are left as they were; publish_unfit:=true replaces them'
         own = {'published': published, 'message': message, 'files': {'folder': str(folder.absolute())}}
-        try:
-            text = json.dumps(_summary(read_document(file)) | own, ensure_ascii=False)
-        except (LookupError, TypeError) as error:
-            raise CalibrationFileError(file, f'is damaged: {error!r}', 'calibrate again') from error
+        text = json.dumps(_summary(read_document(folder / calibration_json.NAME)) | own, ensure_ascii=False)
         if published:
             self._results.publish(stored)
         self._condition = _condition(facts, message, published)
@@ -320,15 +317,8 @@ def _condition(facts: Mapping[str, Any], message: str, published: bool = True) -
 
 
 def _summary(document: Document) -> Document:
-    """What `~/result` carries of `calibration.json`: all but the single touches and the details of the diagnosis."""
-    shared = (
-        'created', 'recordings', 'warnings', 'cell', 'parameters', 'model', 'noise', 'force_error',
-        'held_out_force_error', 'reduced_chi_square', 'tip_error', 'tip_uncertainty', 'assessment',
-    )  # fmt: skip
-    parts = {
-        'touches': ('found', 'used', 'rejected'),
-        'identifiability': ('rank', 'confounded', 'advice'),
-        'diagnosis': ('verdict', 'p_value', 'effects', 'possible', 'rivals', 'rival_effects', 'advice'),
-    }
-    some = {part: {key: document[part][key] for key in keys} for part, keys in parts.items()}
-    return {'schema': RESULT_SCHEMA, **{key: document[key] for key in shared}, **some}
+    """What `~/result` carries of `calibration.json`: all but covariances, touches, candidates."""
+    kept = {key: value for key, value in document.items() if not key.startswith('covariance')}
+    for part, details in (('touches', 'fitted'), ('diagnosis', 'candidates')):
+        kept[part] = {key: value for key, value in kept[part].items() if key != details}
+    return kept | {'schema': RESULT_SCHEMA}

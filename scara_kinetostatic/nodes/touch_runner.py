@@ -151,13 +151,11 @@ class Controller:
         if status == GoalStatus.STATUS_CANCELED:
             self._failed('somebody cancelled a trajectory', False)
             return
-        lasting = 'INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED'
-        names = 'INVALID_GOAL', *lasting, 'GOAL_TOLERANCE_VIOLATED'
-        name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
-        text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
+        kinds, code = self._kind.Result, result.error_code
         # what it says of a goal that it dropped as it was deactivated; of one in whose place another came it does not
-        is_dropped = name == 'INVALID_GOAL' and 'deactivat' not in result.error_string
-        passes = not is_dropped and name not in ('no error code', *lasting)
+        is_dropped = code == kinds.INVALID_GOAL and 'deactivat' not in result.error_string
+        text = f'the controller aborts a trajectory (error code {code}): {result.error_string}'
+        passes = not is_dropped and code in (kinds.INVALID_GOAL, kinds.GOAL_TOLERANCE_VIOLATED)
         self._failed(text + is_dropped * ': somebody else commands the robot', passes)
 
 

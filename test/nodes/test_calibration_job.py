@@ -124,12 +124,13 @@ def test_what_contradicts_the_cell_names_its_file(job, bags, tmp_path):
         calibrated(job(cell=path))
 
 
+CODE = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
+
+
 def test_the_process_speaks_json_only(bags, tmp_path):
     order = Job([str(bags[2])], '', [], [], str(tmp_path), False)
-    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
-    ended = subprocess.run(
-        [sys.executable, '-c', code], input=json.dumps(order._asdict()), capture_output=True, text=True, timeout=WAIT
-    )
+    command = [sys.executable, '-c', CODE, json.dumps(order._asdict())]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     (said,) = map(json.loads, ended.stdout.splitlines())
     assert list(said) == ['error']
     assert 'broken' in said['error']
@@ -138,12 +139,9 @@ def test_the_process_speaks_json_only(bags, tmp_path):
 
 def test_the_process_ends_with_the_node(bags, tmp_path):
     order = Job([str(bags[0])], '', [], [], str(tmp_path / 'out'), False)
-    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
-    pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
-    process = subprocess.Popen([sys.executable, '-c', code], text=True, **pipes)  # type: ignore[call-overload]
+    command = [sys.executable, '-c', CODE, json.dumps(order._asdict())]
+    process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
-    process.stdin.write(json.dumps(order._asdict()) + '\n')
-    process.stdin.close()
     assert process.stderr.read() == ''
     assert process.wait(WAIT) == 1
     process.stderr.close()
