@@ -20,6 +20,7 @@ on its way, as a controller that scales the speed makes it, is waited for as lon
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor
 from math import dist, hypot
 from typing import NamedTuple
 
@@ -218,7 +219,7 @@ class Runner:
             else:  # while retracting: it stands
                 self._script = None
             return self._stand()
-        except ScaraKinetostaticError as error:
+        except (ScaraKinetostaticError, BrokenExecutor) as error:  # the latter: the process that calibrates was killed
             self._give_up(Fault(str(error)))
             return self._stand()
         return self._command

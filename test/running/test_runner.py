@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from concurrent.futures import Future
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -354,6 +354,16 @@ def test_a_busy_machine_does_not_begin_without_a_force():
     commands = [one.step() for _ in range(150)]
     assert not any(commands)
     assert one.runner.status.text == '/wrench is silent (in idle)'
+
+
+def test_a_process_that_was_killed_while_it_calibrates_ends_the_run():
+    one, killed = rehearsal(), Future()
+    until_phase(one, 'travel')
+    killed.set_exception(BrokenExecutor('the process was terminated'))
+    one.runner.campaign._job = killed
+    one.run(lambda at: at.runner.is_over, 60.0)
+    assert (one.runner.end.status, one.runner.status.is_fault) == (3, True)
+    assert one.runner.end.reason.startswith('the process was terminated (in ')
 
 
 def test_a_robot_that_stands_at_an_object_is_refused():
