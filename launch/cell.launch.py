@@ -7,8 +7,7 @@ of the package or the node itself.
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
 `ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends those of its cell, and so the
-launch unless it has other cells; not so a display. With `respawn:=true` one that has crashed is started again, and the
-calibrator takes the result that it had.
+launch unless it has other cells; not so a display. With `respawn:=true` one that has crashed is started again.
 """
 
 from __future__ import annotations
@@ -135,8 +134,7 @@ class CellNodes:
             places = self._given(recordings=str).values()
             yield self._node('collector', self._given(autostart=bool) | dict(zip(['output'], places, strict=False)))
         if self._on('calibrate'):
-            restore = {'restore': True} if self._respawn else {}
-            named = self._given(output=str, recording=str) | restore
+            named = self._given(output=str, recording=str)
             yield self._node('calibrator', named, *filter(None, [self._text('preload')]))
         calibration = self._calibration()
         for switch, name in (('compensate', 'compensator'), ('track', 'contour_tracker')):
@@ -180,7 +178,7 @@ class CellNodes:
         )
 
     def _robot_state_publisher(self) -> Node:
-        """Publishes the frames of the nominal arm; the visualizer hands it the calibrated one."""
+        """Publishes the frames of the nominal arm."""
         cell = self._cell
         urdf = side_by_side('scara', cell, None)
         values = {'robot_description': ParameterValue(urdf, value_type=str), 'frame_prefix': self._prefix}

@@ -99,7 +99,7 @@ class Recorder(StandIn):
         """Records a parameter and gives its default value."""
         given = descriptor.__dict__
         ranges = given.get('floating_point_range') or given.get('integer_range')
-        result = isinstance(value, type)  # declared by type alone: there only once there is a result
+        result = isinstance(value, type)  # declared by type alone
         self.parameters[name] = {
             'default': None if result else value,
             'description': given.get('description', ''),
@@ -109,9 +109,6 @@ class Recorder(StandIn):
         }
         self._values[name] = None if result else value
         return StandIn(value=value)
-
-    def undeclare_parameter(self, name: str) -> None:
-        """What is recorded stays."""
 
     def get_name(self) -> str:
         """The node's name."""
@@ -124,12 +121,6 @@ class Recorder(StandIn):
     def get_parameter(self, name: str) -> StandIn:
         """The default value."""
         return StandIn(value=self._values[name])
-
-    def get_parameter_or(self, name: str) -> StandIn:
-        """No value was given at the start."""
-        from rclpy.parameter import Parameter
-
-        return StandIn(type_=Parameter.Type.NOT_SET)
 
     def create_publisher(self, kind: type, topic: str, *_: Any, **__: Any) -> StandIn:
         """Records a topic."""
@@ -160,6 +151,8 @@ def record() -> dict[str, Any]:
     for name, kind in NODES.items():
         module = import_module(f'scara_kinetostatic.nodes.{name}')
         node = getattr(module, kind)()
+        for full in getattr(module, '_RESULT', ()):  # there only once there is a result
+            node._results._declare(full)
         found[name] = {
             'doc': (module.__doc__ or '').strip(),
             'parameters': node.parameters,

@@ -1,7 +1,7 @@
 """One calibration as the node `calibrator` orders it, done in a process of its own.
 
-Such a process can be ended at any time by SIGTERM, gives all its memory back, and leaves the node free to answer. It
-reads the order from its input and writes news and the reply to its output, one JSON object per line:
+Such a process can be ended at any time by SIGTERM, gives all its memory back, and leaves the node free to answer. Its
+order is its argument; it writes news and the reply to its output, one JSON object per line:
 
     {"progress": {"step": "fitting 72 touches", "part": 0.3}}
     {"reply": {"folder": "/results", "note": ""}}    the result is in the files of this folder; what was kept of another
@@ -18,7 +18,6 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryFile
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -29,9 +28,9 @@ UNFIT = 'unfit'
 COMMAND = (
     sys.executable,
     '-c',
-    'import sys; sys.path[:] = sys.argv[1:]; from scara_kinetostatic.nodes.calibration_job import main; main()',
+    'import sys; sys.path[:] = sys.argv[2:]; from scara_kinetostatic.nodes.calibration_job import main; main()',
 )
-"""Followed by the places of Python modules: that of this package, before all others, and those of the node."""
+"""Followed by the order, as JSON, and the places of Python modules: that of this package, then those of the node."""
 PATIENCE = 3.0
 """Time for the process to end by itself after it was told to, s."""
 
@@ -46,7 +45,6 @@ class Job(NamedTuple):
         left_out: touches and recordings to leave out, as the parameter `leave_out` has them.
         output: folder for the results.
         publish_unfit: whether a result that is not fit for use replaces an earlier one.
-        name: under which the result is kept.
     """
 
     recordings: list[str]
@@ -55,7 +53,6 @@ class Job(NamedTuple):
     left_out: list[str]
     output: str
     publish_unfit: bool
-    name: str = ''
 
 
 def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
@@ -103,15 +100,13 @@ class CalibrationProcess:
     """
 
     def __init__(self, job: Job) -> None:
-        with TemporaryFile('w+', encoding='utf-8') as order:
-            order.write(json.dumps(job._asdict()) + '\n')
-            order.seek(0)
-            self._process = subprocess.Popen(
-                [*COMMAND, str(Path(__file__).resolve().parents[2]), *filter(None, sys.path)],
-                stdin=order,
-                stdout=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
-            )
+        places = str(Path(__file__).resolve().parents[2]), *filter(None, sys.path)
+        self._process = subprocess.Popen(
+            [*COMMAND, json.dumps(job._asdict()), *places],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
+        )
         assert self._process.stdout is not None
         self._stdout, self._said = self._process.stdout, b''
         os.set_blocking(self._stdout.fileno(), False)
@@ -166,7 +161,7 @@ class CalibrationProcess:
 
 
 def main() -> None:
-    """Does the job on the input of the process."""
+    """Does the job that is the argument of the process."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is being written is taken back
     output = os.fdopen(os.dup(sys.stdout.fileno()), 'w', encoding='utf-8')
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no reply
@@ -176,7 +171,7 @@ def main() -> None:
         output.flush()
 
     try:
-        job = Job(**json.loads(sys.stdin.readline()))
+        job = Job(**json.loads(sys.argv[1]))
         send('reply', do(job, lambda step, part: send('progress', {'step': step, 'part': part})))
     except ScaraKinetostaticError as error:
         send('error', str(error))

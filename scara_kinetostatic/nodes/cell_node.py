@@ -7,16 +7,14 @@ namespace, `scara_kinetostatic` without one.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from time import time_ns
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -39,13 +37,8 @@ from scara_kinetostatic.report.json_file import Document
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 CALLS = QoSProfile(depth=1000)
 """Of services: so many calls at once wait for their answer; with the default of 10 the others are lost unanswered."""
-_KINDS = {
-    str: 'a string',
-    list: 'a list of strings',
-    bool: 'true or false',
-    float: 'a number with a decimal point',
-    int: 'a whole number',
-}
+LASTING: dict[str, Any] = {'throttle_duration_sec': 30.0, 'skip_first': True}
+"""How the log has what is examined once a second and is wrong for longer."""
 _FILE = Path(__file__).with_name('parameters.yaml')
 PARAMETERS: dict[str, dict[str, dict[str, Any]]] = parse_yaml(read_text(_FILE, ParameterError), _FILE, ParameterError)
 """Of each node, by name: what that file states."""
@@ -76,14 +69,11 @@ class CellNode(Node):
         executor_type: of the executor that spins it.
         rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
             takes all waiting messages of a topic at once needs less time if several are waiting.
-        checks: of parameters by name, at the start and whenever they are set: called with the name and the value, they
-            raise an `InputError` where it makes no sense.
         exit_status: set by a node that has done what it had to, and ends; also by `close`.
     """
 
     executor_type: type[Executor] = SingleThreadedExecutor
     rest = 0.0
-    checks: ClassVar[Mapping[str, Callable[[str, Any], object]]] = {}
     exit_status: int | None = None
 
     def __init__(self, name: str = '') -> None:
@@ -116,26 +106,21 @@ class CellNode(Node):
         given = [''] if default == [] else default  # an empty list has no type in ROS
         try:
             self.declare_parameter(name, given, descriptor)
-        except InvalidParameterTypeException as error:
-            raise ParameterError(f'parameter {name}', f'expected {_KINDS[type(default)]} ({error})') from error
-        except InvalidParameterValueException as error:
+        except ParameterException as error:
             raise ParameterError(f'parameter {name}', str(error)) from error
-        value = self.value(name)
-        self._check(name, value)
-        return value
+        self._check(name, self.value(name))
+        return self.value(name)
 
     def _check(self, name: str, value: Any) -> None:
         """Check the value of a parameter.
 
         Raises:
-            InputError: it makes no sense.
+            ParameterError: it is none of the choices.
         """
         choices = self._stated.get(name, {}).get('choices')
         if choices and value not in choices:
             expected = ', '.join(filter(None, choices))
             raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}')
-        if name in self.checks:
-            self.checks[name](name, value)
 
     def _refuse_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuses values that make no sense."""
@@ -264,12 +249,13 @@ class CellNode(Node):
             examine: returns the status.
         """
         publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        own, complaints = (self.get_name(), self.get_namespace()), PersistentComplaints(self.get_logger().warning)
+        own = self.get_name(), self.get_namespace()
         twin = f'another node is named {self.get_fully_qualified_name()} (one that was killed counts for 20 s): end one'
 
         def publish() -> None:
             condition = examine()
-            if complaints.note([twin] * (self.get_node_names_and_namespaces().count(own) > 1)):
+            if self.get_node_names_and_namespaces().count(own) > 1:
+                self.get_logger().warning(twin, **LASTING)
                 level, message = max(condition.level, WARN), f'{twin}; {condition.message}'
                 condition = condition._replace(level=level, message=message)
             publisher.publish(self.status(title, *condition))
@@ -277,32 +263,11 @@ class CellNode(Node):
         self.every(1.0, publish)
 
 
-class PersistentComplaints:
-    """Logs once what is wrong for longer than a moment; problems that differ in numbers alone are the same.
-
-    Args:
-        log: called with the text of a problem that three consecutive reports have.
-    """
-
-    def __init__(self, log: Callable[[str], object]) -> None:
-        self._log = log
-        self._lasted: dict[str, int] = {}
-
-    def note(self, complaints: Sequence[str]) -> list[str]:
-        """Notes the problems of one report, once a second, and returns them; empty texts are none."""
-        present = {re.sub(r'[0-9.]+', '#', text): text for text in complaints if text}
-        self._lasted = {kind: self._lasted.get(kind, 0) + 1 for kind in present}
-        for kind, text in present.items():
-            if self._lasted[kind] == 3:
-                self._log(text)
-        return list(present.values())
-
-
 Calibration = TypeVar('Calibration', CalibratedArm, CalibrationRecord)
 
 
 class FollowedCalibration(Generic[Calibration]):
-    """The calibration of the parameters `calibration` and `follow`.
+    """The calibration of the parameter `calibration`, then each later one that the calibrator publishes.
 
     Args:
         node: that uses the calibration.
@@ -327,15 +292,14 @@ class FollowedCalibration(Generic[Calibration]):
         read: Callable[[Document], Calibration],
         take: Callable[[Calibration], None],
     ) -> None:
-        self._logger, self._began = node.get_logger(), time_ns()
+        self._logger = node.get_logger()
         self._read: Callable[[Document], Calibration] = read
         self._take: Callable[[Calibration], None] = take
         self.present: Calibration | None = None
         self.origin, self.refused = 'none', ''
         self._path = node.value('calibration')
         self.given: Calibration | None = load(node.place('calibration', self._path)) if self._path else None
-        if node.value('follow'):
-            node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
+        node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
 
     def start(self) -> None:
         """Takes the calibration that the node is started with, where there is one."""
@@ -344,16 +308,15 @@ class FollowedCalibration(Generic[Calibration]):
         else:
             self._use(self.given, self._path)
 
-    def _take_result(self, message: String, info: Mapping[str, Any]) -> None:
-        """A result of the calibrator; not an older one than that of the start, published before it."""
+    def _take_result(self, message: String) -> None:
+        """A result of the calibrator; not one that is older than that in use."""
         try:
             document = parse_document(message.data, 'calibrator/result')
             if isinstance(document, dict) and not document.get('published', True):
                 return  # the calibrator keeps the former one, too
-            found, given = self._read(document), self.given
-            is_latched = int(info.get('source_timestamp') or 0) < self._began
-            if is_latched and given is not None and found.created and found.created < given.created:
-                self._logger.info(f'calibrator/result: of {found.created}, older than the calibration given; not taken')
+            found, present = self._read(document), self.present
+            if present is not None and found.created and found.created < present.created:
+                self._logger.info(f'calibrator/result: of {found.created}, older than the one in use; not taken')
                 return
             self._use(found, 'calibrator/result')
         except ScaraKinetostaticError as error:

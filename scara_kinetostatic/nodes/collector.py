@@ -4,7 +4,7 @@ Every message goes into the bag as it came. The same messages go through the
 touch detection; a touch is counted on `~/touches` only when the bag holds it
 durably, and published on `~/touch` with its judgement. Services `~/start` and
 `~/stop` begin and end a recording, each in a new folder, which is announced on
-`~/recording`, its end by `~/stop` on `~/stopped`; `~/discard_last` discards a touch. A full or vanished disk ends
+`~/recording`; `~/discard_last` discards a touch. A full or vanished disk ends
 the recording, not the node; so does a folder that cannot be written to. What
 would spoil a recording is said at once: several publishers on a topic, clocks
 that differ, touches that are rejected, a disk that will be full.
@@ -18,12 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String, UInt32
 
-from scara_kinetostatic.model.arrays import Indices
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, Condition, PersistentComplaints, RefusedError
+from scara_kinetostatic.nodes.cell_node import ERROR, LASTING, OK, WARN, Condition, RefusedError
 from scara_kinetostatic.nodes.session import JudgedTouch, RecordingNode, Session
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, CellStreams
 
@@ -41,12 +39,10 @@ class Collector(RecordingNode):
         super().__init__('collector')
         self._cell = self.cell_or_example()
         self._autostart = self.value('autostart')
-        self._heard_before, self._failure = np.zeros((2, 3), dtype=np.intp), ''
-        self._complaints = PersistentComplaints(self.get_logger().warning)
+        self._lost_before, self._failure = 0, ''
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
-        self._stopped = self.create_publisher(String, '~/stopped', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms, judges=True)
         self._streams.subscribe(self._record)
         self.serve('start', self._start)
@@ -77,9 +73,8 @@ class Collector(RecordingNode):
         return self._with_warnings(f'recording to {self._running().folder}')
 
     def _stop(self) -> str:
-        self._stopped.publish(String(data=str(self._running().folder)))
         answer = self._end()
-        if self._failure or self._silent():
+        if self._failure or any(monitor.problem for monitor in self._streams.monitors.values()):
             raise RefusedError(answer)
         return answer
 
@@ -121,7 +116,7 @@ class Collector(RecordingNode):
         parent = self.place('output', self.value('output')).absolute()
         self._session = Session(parent, self._cell, self.now(), self._streams)
         self._streams.look_at_publishers()
-        self._heard_before, self._failure = self._heard(), ''
+        self._lost_before, self._failure = self._messages_lost(), ''
         self._publish(self._session)
         self._recording.publish(String(data=str(self._session.folder)))
         self.get_logger().info(f'recording to {self._session.folder}')
@@ -134,16 +129,16 @@ class Collector(RecordingNode):
             self._session = None
         if self._failure:
             return f'{session.folder}: {self._failure}'
-        lost = (self._heard() - self._heard_before)[:, 2].sum()
+        lost = self._messages_lost() - self._lost_before
         loss = f'; {lost} messages were lost on the way' if lost else ''
         counted = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
-        said = counted, *self._silent(), session.rejections(), session.clock_warning
-        return self._with_warnings('; '.join(filter(None, said)))
+        return self._with_warnings('; '.join(filter(None, (counted, session.rejections(), session.clock_warning))))
 
     def _with_warnings(self, answer: str) -> str:
         """The answer of a service, with what spoils the data."""
-        mixtures = [monitor.mixture() for monitor in self._streams.monitors.values()]
-        spoilt = (*mixtures, self._streams.frame.complaint(), self._example_cell())
+        monitors = self._streams.monitors.values()
+        spoilt = [each.mixture() or (each.problem and f'{each.topic}: {each.problem}') for each in monitors]
+        spoilt += [self._streams.frame.complaint(), self._example_cell()]
         return '; '.join(filter(None, (answer, *spoilt)))
 
     def _example_cell(self) -> str:
@@ -151,15 +146,8 @@ class Collector(RecordingNode):
         problem = 'the parameter cell is empty: the robot is taken for the example cell of figure 3'
         return f'{problem}; name its cell description' if self._streams.is_taken_for_the_example else ''
 
-    def _heard(self) -> Indices:
-        """Of each topic the messages so far, those that gave no sample, and those that were lost, (2, 3)."""
-        monitors = self._streams.monitors.values()
-        return np.array([(each.count, each.unusable + each.parts, each.lost) for each in monitors])
-
-    def _silent(self) -> list[str]:
-        """The topics that had messages since the recording began, but none that can be used."""
-        heard = zip(self._streams.monitors.values(), self._heard() - self._heard_before, strict=True)
-        return [f'{each.topic}: no usable message of {count}' for each, (count, bad, _) in heard if count == bad > 0]
+    def _messages_lost(self) -> int:
+        return sum(monitor.lost for monitor in self._streams.monitors.values())
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         """Records fixed transforms; touches before them are told as they were judged."""
@@ -197,7 +185,7 @@ class Collector(RecordingNode):
         if self._failure:
             return Condition(ERROR, f'recording failed: {self._failure}', values)
         waiting = 'waiting for /clock' if self._autostart else ''
-        problems = [*self._complaints.note([*complaints, waiting]), *filter(None, [rejections])]
-        if problems:
+        if problems := list(filter(None, [*complaints, waiting, rejections])):
+            self.get_logger().warning('; '.join(problems), **LASTING)
             return Condition(WARN, '; '.join(problems), values)
         return Condition(OK, 'idle' if session is None else f'recording to {session.folder}', values)

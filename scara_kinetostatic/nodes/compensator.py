@@ -2,7 +2,7 @@
 
 Each `JointState` is answered with the tip on `~/pose`, by the last force: deflection, backlash and all effects of the
 calibration are in it, and its covariance holds the uncertainty of the calibration, the places in the dead bands and
-the noise of one sample. Where `tf2_msgs` is installed, the frame `tip_frame` follows it.
+the noise of one sample.
 
 A wanted pose is answered on `~/joint_trajectory` with the joint angles that bring the tip there under the wanted force,
 a trajectory of one point as `joint_trajectory_controller` takes it, with the positions of the controller's other
@@ -12,10 +12,9 @@ in another frame. The way to the pose is not checked.
 
 `~/compensate` takes pose and force in one message, `sensor_msgs/MultiDOFJointState`: of the standard interfaces no
 service has both and joint angles (those of `std_srvs` and `nav_msgs` do not, `moveit_msgs` is no dependency), and this
-is the one message that has both. The answer has its stamp. `~/target_pose` and `~/target_wrench` take them apart: a
-pose goes with the last force (none before the first), and with none, refused, after a force that was refused.
+is the one message that has both. The answer has its stamp.
 
-The calibration is that of the parameter `calibration`, and with `follow` each result that the calibrator publishes.
+The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes.
 It is exchanged between two samples. `~/tare` takes the present force as zero. What is missing, stale, extrapolated or
 not tared is said on `/diagnostics`; without a recent force or a calibration that may be used there is no pose.
 """
@@ -23,7 +22,6 @@ not tared is said on `/diagnostics`; without a recent force or a calibration tha
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
 from itertools import islice
 from math import hypot, isfinite, nan, pi
 from time import monotonic
@@ -31,7 +29,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -46,9 +44,9 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import NANOSECONDS, Sample, UnusableMessageError, planar
+from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, planar
 from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
-from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage, waiting
+from scara_kinetostatic.nodes.streams import CellStreams, Stream, waiting
 from scara_kinetostatic.planning.motion import Space
 
 _SURE = ('ok', 'unloaded')
@@ -222,15 +220,12 @@ class Compensator(CellNode):
         self._calibration = FollowedArm(self, self._use)
         cell = self._calibration.cell
         self._elbow, self._speed = self.value('elbow'), self.value('speed')
-        self._plane, tip_frame = self.plane_of(cell), self.value('tip_frame')
-        self._tip_frame = self.value('frame_prefix') + tip_frame if tip_frame else ''
+        self._plane = self.plane_of(cell)
         self._tip = FollowedTip(cell, self.value('timeout'), self.value('force_noise'))
         self._answered, self._answer_problem = 'none', ''
-        self._wanted: tuple[float, float] | None = (0.0, 0.0)
-        self._next_transform = self._polls = 0
+        self._polls = 0
         self._streams = CellStreams(self, cell, self._turned)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
-        self._transform = self.create_publisher(TFMessage, '/tf', 10) if TFMessage and self._tip_frame else None
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
         self._status = self.create_publisher(DiagnosticArray, '~/answer', 10)
         self._group = PolledGroup()
@@ -238,8 +233,6 @@ class Compensator(CellNode):
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._wrenches = self._polled(WrenchStamped, cell.sensor.wrench, newest)
         self.awaited = self._polled(JointState, cell.sensor.joint_states, newest)
-        self._targets = self._polled(PoseStamped, '~/target_pose', 1)
-        self._wanted_forces = self._polled(WrenchStamped, '~/target_wrench', 1)
         self._requests = self._polled(MultiDOFJointState, '~/compensate', 10)
         self.serve_tare(self._tip.tare)
         self.publish_status('tip', self._report)
@@ -262,8 +255,7 @@ class Compensator(CellNode):
     def poll(self) -> None:
         """Takes what has come: wrenches first, so that a joint state goes with the last force before it.
 
-        One joint state: where more have come, the next wait ends at once. Wanted poses and forces come with every
-        eighth call.
+        One joint state: where more have come, the next wait ends at once. Requests come with every eighth call.
         """
         for message, _ in waiting(self._wrenches):
             if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
@@ -272,14 +264,8 @@ class Compensator(CellNode):
             if (sample := self._streams.sample(Stream.JOINTS, message)) is not None:
                 self._take_joints(sample)
         self._polls += 1
-        if self._polls % 8:
-            return
-        for message, _ in waiting(self._wanted_forces):
-            self._want(deserialize_message(message, WrenchStamped))
-        for message, _ in waiting(self._targets):
-            self._answer('~/target_pose', deserialize_message(message, PoseStamped), self._of_pose)
-        for message, _ in waiting(self._requests):
-            self._answer('~/compensate', deserialize_message(message, MultiDOFJointState), self._of_request)
+        for message, _ in waiting(self._requests) if self._polls % 8 == 0 else ():
+            self._answer(deserialize_message(message, MultiDOFJointState))
 
     def _take_joints(self, sample: Sample) -> None:
         """Publishes where the tip is; the diagnostics say why there is no pose."""
@@ -287,62 +273,34 @@ class Compensator(CellNode):
         if found is None or not isfinite(found.x):
             return
         stamp = sample.stamp_ns or self.now()
-        pose = found.x, found.y, found.yaw
-        self._pose.publish(conversion.pose_bytes(stamp, self._plane, pose, found.covariance))
-        if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:
-            self._next_transform = stamp + NANOSECONDS // 50
-            message = conversion.transform(stamp, self._plane, pose, self._tip_frame)
-            self._transform.publish(TFMessage(transforms=[message]))
-
-    def _want(self, message: WrenchStamped) -> None:
-        """The wanted force of the robot on the object, base frame, from now on; none after one that is refused."""
-        self._wanted = None
-        try:
-            self._check_frame(message.header.frame_id)
-            self._wanted = planar(message.wrench.force, self._plane, is_place=False)
-        except UnusableMessageError as error:
-            self._leave(f'~/target_wrench: {error}')
-
-    def _of_pose(self, message: PoseStamped) -> tuple[tuple[float, float], tuple[float, float]]:
-        """The place of a wanted pose, and the force wanted last.
-
-        Raises:
-            UnusableMessageError: one of them cannot be used.
-        """
-        if self._wanted is None:
-            raise UnusableMessageError('the last force on ~/target_wrench was refused')
-        return planar(message.pose.position, self._plane, is_place=True), self._wanted
+        place = found.x, found.y, found.yaw
+        self._pose.publish(conversion.pose_bytes(stamp, self._plane, place, found.covariance))
 
     def _of_request(self, request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:
         """Place and force of a request.
 
         Raises:
-            UnusableMessageError: it has not one of each, or they are not finite.
+            UnusableMessageError: it has not one of each, they are not finite, or in another frame.
         """
+        if request.header.frame_id not in ('', self._plane.frame):
+            raise UnusableMessageError(f'expected the frame {self._plane.frame}, got {request.header.frame_id!r}')
         if (len(request.transforms), len(request.wrench)) != (1, 1):
             found = f'{len(request.transforms)} transforms and {len(request.wrench)} wrenches'
             raise UnusableMessageError(f'expected one transform and one wrench, got {found}')
         place = planar(request.transforms[0].translation, self._plane, is_place=True)
         return place, planar(request.wrench[0].force, self._plane, is_place=False)
 
-    def _answer(self, topic: str, message: Any, wish: Callable[[Any], tuple[Any, Any]]) -> None:
-        """Answers a wish; of one that is refused only its status is published.
-
-        Args:
-            topic: of the message.
-            message: it, with a header.
-            wish: returns place and force, (x, y) each, m and N.
-        """
-        values: dict[str, object] = {'topic': topic, 'elbow': self._elbow}
+    def _answer(self, request: MultiDOFJointState) -> None:
+        """Answers a request; of one that is refused only its status is published."""
+        values: dict[str, object] = {'elbow': self._elbow}
         try:
-            self._check_frame(message.header.frame_id)
-            place, force = wish(message)
+            place, force = self._of_request(request)
             values |= {'x_m': place[0], 'y_m': place[1], 'fx_N': force[0], 'fy_N': force[1]}
             joints, move, found = self._tip.answer(place, force, self._elbow)
         except (UnusableMessageError, ScaraKinetostaticError) as error:
-            problem = one_line(f'{topic} is not answered: {error}')
-            self._leave(problem)
-            self._publish_answer(message, ERROR, problem, values | {'status': 'refused'})
+            self._answer_problem = one_line(f'~/compensate is not answered: {error}')
+            self.get_logger().warning(self._answer_problem)
+            self._publish_answer(request, ERROR, self._answer_problem, values | {'status': 'refused'})
             return
         cell, duration = self._tip.cell, max(0.05, move / self._speed)  # controllers refuse points in the past
         names, status = (*cell.joint_names, *cell.other_joints), found['status']
@@ -351,31 +309,17 @@ class Compensator(CellNode):
         self._answered = f'{where}: ({joints[0]:.6f}, {joints[1]:.6f}) rad, {status}'
         is_sure = status in _SURE
         self._answer_problem = '' if is_sure else f'the last answer is {status}: {self._answered}'
-        self._publish_answer(message, OK if is_sure else WARN, self._answered, values | found)
+        self._publish_answer(request, OK if is_sure else WARN, self._answered, values | found)
 
-    def _publish_answer(self, wish: Any, level: bytes, message: str, values: dict[str, object]) -> None:
-        """Publishes the status of an answer, with the header of the wish."""
+    def _publish_answer(self, request: Any, level: bytes, message: str, values: dict[str, object]) -> None:
+        """Publishes the status of an answer, with the header of the request."""
         array = conversion.diagnostic(f'{self.get_fully_qualified_name()}: answer', level, message, values)
-        array.header = wish.header
+        array.header = request.header
         self._status.publish(array)
-
-    def _check_frame(self, frame_id: str) -> None:
-        """Check that a wanted pose or force is in the base frame.
-
-        Raises:
-            UnusableMessageError: it is not.
-        """
-        if frame_id not in ('', self._plane.frame):
-            raise UnusableMessageError(f'expected the frame {self._plane.frame}, got {frame_id!r}')
-
-    def _leave(self, problem: str) -> None:
-        self._answer_problem = problem
-        self.get_logger().warning(problem)
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
         complaints, heard = self._streams.examine()
         missing, figures = self._tip.report()
-        wanted = f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})' if self._wanted else 'refused'
-        values = {'last answer': self._answered, 'wanted force [N]': wanted, **figures, **heard}
+        values = {'last answer': self._answered, **figures, **heard}
         return self._calibration.condition([*complaints, *missing, self._answer_problem], values, 'following the tip')

@@ -6,34 +6,28 @@ and runs `time_factor` times as fast; what a recording holds does not depend on
 that factor. Publishes the topics named in the cell description and, latched,
 `~/finished` (`std_msgs/Bool`); with `publish_clock` the simulated time on `/clock`.
 
-With `commanded` there is no plan: the robot obeys `joint_trajectory` and, where `control_msgs` can be imported, the
-action `follow_joint_trajectory`, see `simulation.commanded`; as a controller of ros2_control does, it answers a goal
-with the error codes of that action. A trajectory begins when it arrives; one whose stamp says that it has ended is
-refused. The parameters `scaling` and `active` are those of the controller. `~/reset` lets drives that an overload has
-stopped move again; `sensor.zero_service`, where the cell names one, sets the force to zero.
+With `commanded` there is no plan: the robot obeys `joint_trajectory`, see `simulation.commanded`. A trajectory begins
+when it arrives; one whose stamp says that it has ended is refused. The parameters `scaling` and `active` are those of
+the controller. `~/reset` lets drives that an overload has stopped move again; `sensor.zero_service`, where the cell
+names one, sets the force to zero.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from time import monotonic
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
-from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import InputError, ParameterError
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
-from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
@@ -79,52 +73,6 @@ class Commanded:
                     self._counts[number] += 1
                     if values is not None:
                         yield number == 1, (stamp, *values)
-
-
-class GoalServer:
-    """The action `follow_joint_trajectory` of a commanded robot.
-
-    Args:
-        node: that serves it.
-        plant: the robot.
-        take: commands a trajectory; returns whether it is taken.
-
-    Raises:
-        InputError: `control_msgs` cannot be imported.
-    """
-
-    def __init__(self, node: Node, plant: Plant, take: Callable[[JointTrajectory], bool]) -> None:
-        self._kind, self._plant = conversion.follow_joint_trajectory('action', 'use joint_trajectory'), plant
-        self._goal: Any = None
-        self._ended = Future()
-
-        def accept(goal: Any) -> GoalResponse:
-            return GoalResponse.ACCEPT if take(goal.trajectory) else GoalResponse.REJECT
-
-        async def execute(goal: Any) -> Any:
-            self._end('abort', 'INVALID_GOAL', 'Current goal preempted by new incoming action.')
-            self._goal, self._ended = goal, Future()
-            return await self._ended
-
-        answers = {'goal_callback': accept, 'cancel_callback': lambda _: CancelResponse.ACCEPT}
-        self._server = ActionServer(node, self._kind, 'follow_joint_trajectory', execute, **answers)
-
-    def follow(self) -> None:
-        """Ends the goal where its time is over, it is to be cancelled, or the controller is no longer active."""
-        if self._goal is not None and self._goal.is_cancel_requested:
-            self._plant.command(self._plant.names, [], [])
-            self._end('canceled', 'SUCCESSFUL', '')
-        elif not self._plant.active:
-            self._end('abort', 'INVALID_GOAL', 'Current goal cancelled during deactivate transition.')
-        elif self._plant.left <= 0.0:
-            self._end('succeed', 'SUCCESSFUL', 'Goal successfully reached!')
-
-    def _end(self, how: str, code: str, text: str) -> None:
-        """Ends the goal that is under way, where there is one."""
-        if self._goal is not None:
-            getattr(self._goal, how)()
-            self._ended.set_result(self._kind.Result(error_code=getattr(self._kind.Result, code), error_string=text))
-            self._goal = None
 
 
 class Playback:
@@ -183,7 +131,7 @@ class ContactSimulator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('contact_simulator')
-        self._cell = self._declared_cell()
+        self._cell = self.cell_or_example()
         self._plan = self._declared_plan()
         self._truth = self._declared_truth()
         self._sensors = self._declared_sensors()
@@ -197,7 +145,6 @@ class ContactSimulator(CellNode):
         mount = plane.tip or TOOL_FRAME if sensor.frame is SensorFrame.TOOL else plane.frame
         self._frame_id = self.value('frame_prefix') + (self.value('sensor_link') or mount)
         self._stopped = ''
-        self._goals: GoalServer | None = None
         self._passes, self._names = 0, tuple(self._cell.joint_names)
         self._playback: Playback | Commanded = self._obey() if self._plan is None else self._simulate()
         self._elapsed = 0.0
@@ -208,28 +155,18 @@ class ContactSimulator(CellNode):
             kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
             self.get_logger().info(f'{len(self._plan)} {kind} planned')
 
-    def _declared_cell(self) -> Cell:
-        """The cell, with the frame and the sign that the simulated sensor really has."""
-        cell = self.cell_or_example()
-        kinds = {'frame': SensorFrame, 'sign': SensorSign}
-        taken: dict[str, Any] = {name: kind(given) for name, kind in kinds.items() if (given := self.value(name))}
-        return replace(cell, sensor=cell.sensor._replace(**taken))
-
     def _declared_plan(self) -> Plan | tuple[Slide, ...] | None:
         """The touches, or the slides along objects; None for a robot that is commanded.
 
         Raises:
             InputError: the plan cannot be read.
         """
-        file, preload, cell = self.value('plan'), self.value('preload'), self._cell
-        if self.value('commanded'):
-            if file or preload > 0:
-                problem, remedy = 'a commanded robot has no plan', 'leave out plan and preload'
-                raise ParameterError('parameter commanded', problem, remedy)
-            return None
-        if file and preload > 0:
-            raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
-        return load_planned(file, cell) if file else default_plan(cell, preload=preload)
+        file = self.value('plan')
+        if not self.value('commanded'):
+            return load_planned(file, self._cell) if file else default_plan(self._cell)
+        if file:
+            raise ParameterError('parameter commanded', 'a commanded robot has no plan', 'leave out plan')
+        return None
 
     def _declared_truth(self) -> ExtendedModel:
         """The simulated robot with its effects; by default it deviates from the nominal one as in table 2.
@@ -265,7 +202,7 @@ class ContactSimulator(CellNode):
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self.value('seed'))
         self._names = plant.names
 
-        def take(message: JointTrajectory) -> bool:
+        def take(message: JointTrajectory) -> None:
             try:
                 times, *points = conversion.trajectory_points(message)
                 begins = 1e-9 * conversion.nanoseconds_of(message.header.stamp)
@@ -275,14 +212,10 @@ class ContactSimulator(CellNode):
                 plant.command(message.joint_names, times, *points)
             except ParameterError as error:
                 self.get_logger().warning(str(error))
-                return False
-            return True
 
         if service := self._cell.sensor.zero_service:
             self.serve(self.resolve_service_name(service), plant.zero, 'the force is zero')
         self.create_subscription(JointTrajectory, 'joint_trajectory', take, 10)
-        with suppress(InputError):
-            self._goals = GoalServer(self, plant, take)
         self.serve('reset', plant.reset, 'the drives are on')
         self.get_logger().info(f'obeys {self.resolve_topic_name("joint_trajectory")}: {" ".join(plant.names)}')
         return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
@@ -309,8 +242,6 @@ class ContactSimulator(CellNode):
         self._last_tick = now
         if isinstance(self._playback, Commanded):
             self._set_fault(self._playback.plant)
-            if self._goals is not None:
-                self._goals.follow()
         else:
             self._publish_clock()
         for is_wrench, sample in self._playback.advance(self._elapsed):

@@ -5,7 +5,7 @@ backlash are taken out by the calibrated model, the radius of the tip along the 
 outline along which the tip slides or slid last, on `~/markers` all outlines with their uncertainty, the known objects,
 and the tip with its force; both are latched. What is farther back than 20 mm along the path does not change any more.
 
-The calibration is that of the parameter `calibration`, and with `follow` each result that the calibrator publishes;
+The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes;
 with another calibration the outlines begin anew. The zero of the force is that of the latest free motion; `~/tare`
 takes the present force as zero. `~/clear` forgets the outlines. A jump of the tip, a tip that rests, a force without a
 zero and whatever else cannot be traced is said on `/diagnostics`; the node stays up.
@@ -150,16 +150,7 @@ def _figures(online: OnlineContour) -> dict[str, str]:
         'zero of the force [N]': 'not known' if zero is None else f'({zero[0]:.4g}, {zero[1]:.4g})',
     }
     if outline is not None:
-        std = float(np.median(outline.std))
-        figures |= {
-            'outline': 'closed' if outline.closed else 'open',
-            'length [mm]': f'{1e3 * outline.length:.1f}',
-            'standard uncertainty, median [µm]': f'{1e6 * std:.1f}' if np.isfinite(std) else 'not known',
-        }
+        figures |= {'outline': 'closed' if outline.closed else 'open', 'length [mm]': f'{1e3 * outline.length:.1f}'}
     if contour is not None:
-        friction = contour.friction
-        figures |= {
-            'force [N]': f'{np.hypot(*contour.force[-1]):.3g}',
-            'coefficient of friction': f'{friction.coefficient:.3f} ± {friction.std:.3f}',
-        }
+        figures['coefficient of friction'] = f'{contour.friction.coefficient:.3f} ± {contour.friction.std:.3f}'
     return figures

@@ -168,12 +168,8 @@ def joint_trajectory(
     return JointTrajectory(joint_names=list(names), points=points)
 
 
-def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
+def follow_joint_trajectory() -> Any:
     """The type of the action.
-
-    Args:
-        purpose: the parameter that asks for it.
-        remedy: what to do without it.
 
     Raises:
         InputError: `control_msgs` cannot be imported.
@@ -181,7 +177,8 @@ def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
     try:
         return import_module('control_msgs.action').FollowJointTrajectory
     except ImportError as error:
-        raise InputError(purpose, 'control_msgs cannot be imported', f'install control_msgs, or {remedy}') from error
+        remedy = 'install control_msgs, or leave action empty and command by joint_trajectory'
+        raise InputError('action', 'control_msgs cannot be imported', remedy) from error
 
 
 def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> geometry.PoseStamped:
@@ -219,15 +216,6 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
     """
     poses = [pose_stamped(stamp_ns, plane, place) for place in places]
     return PathMessage(header=_header(stamp_ns, plane), poses=poses)
-
-
-def transform(stamp_ns: int, plane: Plane, pose: Sequence[float], child: str) -> geometry.TransformStamped:
-    """The transform from the robot's frame to a child at a pose in the plane, x, y, m, and yaw, rad."""
-    place, quaternion = _in_robot(plane, pose)
-    moved = geometry.Transform(
-        translation=geometry.Vector3(**_axes(place)), rotation=geometry.Quaternion(**_axes(quaternion))
-    )
-    return geometry.TransformStamped(header=_header(stamp_ns, plane), child_frame_id=child, transform=moved)
 
 
 class JointReader:

@@ -1,7 +1,7 @@
 """Node `monitor`: holds every touch of production against the calibration and says when it has gone stale.
 
 The touches are those that the collector judges, on `collector/touch`. The calibration is the file that the parameter
-`calibration` names and, with `follow`, each newer result of the calibrator that is in its parameters. Touches that were
+`calibration` names, then each newer result of the calibrator that is in its parameters. Touches that were
 part of the calibration do not count, later ones of the same recording do; one that is discarded is taken back. The
 state is on `/diagnostics` and, as JSON, on `~/drift`; `~/reset` begins anew.
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import hypot
@@ -273,11 +273,8 @@ class Session:
         rejected = [each for each in self._judged if each.reason]
         if len(rejected) <= 0.2 * len(self._judged):
             return ''
-        kind, number = Counter(each.kind for each in rejected).most_common(1)[0]
-        common = kind and 2 * number > len(self._judged)
-        last = next(each.reason for each in reversed(rejected) if not common or each.kind == kind)
-        reason = last if common else f'the last: {last}'
-        return f'{len(rejected)} of {len(self._judged)} touches rejected, {reason}'
+        last = next(each.reason for each in reversed(rejected))
+        return f'{len(rejected)} of {len(self._judged)} touches rejected, the last: {last}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
         self.latest = new

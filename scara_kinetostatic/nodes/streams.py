@@ -22,12 +22,12 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.wait_for_message import wait_for_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -36,7 +36,7 @@ from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
-from scara_kinetostatic.touches.streams import INTERLEAVED, WrenchFrame, is_interleaved
+from scara_kinetostatic.touches.streams import WrenchFrame
 
 try:
     from tf2_msgs.msg import TFMessage as TFMessage
@@ -77,7 +77,6 @@ class StreamMonitor:
 
     Args:
         topic: its full name.
-        with_joints: whether it carries joint angles, in which two robots can be seen.
 
     Attributes:
         topic: its full name.
@@ -92,27 +91,19 @@ class StreamMonitor:
             joint states on one topic, good and unusable ones alternate.
     """
 
-    def __init__(self, topic: str, with_joints: bool = False) -> None:
+    def __init__(self, topic: str) -> None:
         self.topic, self.problem = topic, ''
         self.publishers: list[str] = []
         self.count = self.unusable = self.parts = self.lost = 0
-        self._with_joints, self._values = with_joints, list[tuple[float, float]]()
-        self.refusal, self.has_moved, self._mixed = '', False, ''
-        self._stamp, self._stamped, self._constant = -1, monotonic(), False
+        self.refusal, self.has_moved = '', False
         self._number = 0
         self._retry: Timer | None = None
         self._reported, self._others, self._parted = (monotonic(), 0, 0, 0, 0), 0, 0
 
-    def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Notes a usable message with its stamp, ns, and its numbers."""
+    def accept(self) -> None:
+        """Notes a usable message."""
         self.count += 1
         self.refusal, self.has_moved = '', False
-        if self._with_joints and len(self._values) < 5000:  # between two reports
-            self._values.append(values)
-        now = monotonic()
-        if stamp != self._stamp:
-            self._stamp, self._stamped = stamp, now
-        self._constant = now - self._stamped > 1.0
 
     def note_part(self, awaited: str) -> None:
         """Notes a message that gives no sample before another joint is heard of."""
@@ -149,12 +140,9 @@ class StreamMonitor:
         self._reported = now, *totals = monotonic(), self.count, self.unusable, self.lost, self.parts
         count, self._others, lost, self._parted = (total - former for total, former in zip(totals, before, strict=True))
         if count > self._others + self._parted:
-            constant = 'the header stamps do not change: the times of reception are used'
-            self.problem = constant if self._constant else ''
+            self.problem = ''
         elif self._others:
             self.problem = self.refusal
-        self._mixed = INTERLEAVED if is_interleaved(np.array(self._values).reshape(-1, 2)) else ''
-        self._values.clear()
         problems = [self.problem or ('no messages' if expected and not count else '')]
         if lost:
             problems.append(f'{lost} messages lost on the way; this machine or the network is too busy')
@@ -169,12 +157,10 @@ class StreamMonitor:
         return [*complaints, self.mixture()], {f'{self.topic}: {name}': value for name, value in values.items()}
 
     def mixture(self) -> str:
-        """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
+        """That messages of several publishers mix; empty if they do not.
 
         A publisher whose messages cannot be used, of other joints, is no trouble, nor are several with parts.
         """
-        if self._mixed:
-            return f'{self.topic}: {self._mixed}'
         parted = self._parted or self.parts > self._reported[-1]
         if parted or len(self.publishers) <= (2 if self._others else 1):
             return ''
@@ -316,7 +302,7 @@ class CellStreams:
         self._joints = JointReader(cell.joint_names, cell.other_joints)
         self.frame = FrameCheck(node, cell, turned)
         self.monitors = {
-            stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
+            stream: StreamMonitor(node.resolve_topic_name(topic))
             for stream, topic in zip(Stream, cell.sensor[:2], strict=True)
         }
 
@@ -363,7 +349,7 @@ class CellStreams:
                 monitor.refuse(moved, has_moved=True)
                 return None
             self._moved = moved
-        monitor.accept(sample.stamp_ns, sample[1:3])
+        monitor.accept()
         return sample
 
     @property
@@ -404,22 +390,16 @@ def heard_description(topic: str) -> str:
     Raises:
         InputError: the name is none of a topic, or nothing comes within 10 s.
     """
-    context, texts = Context(), list[str]()
+    context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node, executor = rclpy.create_node('cell', context=context), SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        try:
-            node.create_subscription(String, topic, lambda message: texts.append(message.data), LATCHED)
-        except InvalidTopicNameException as error:
-            raise InputError(topic, 'is no name of a topic', 'write it as ros2 topic list does') from error
-        end = monotonic() + 10.0
-        while not texts and monotonic() < end:
-            executor.spin_once(timeout_sec=0.1)
-        executor.shutdown()
+        node = rclpy.create_node('cell', context=context)
+        found, message = wait_for_message(String, node, topic, qos_profile=LATCHED, time_to_wait=10.0)
+    except InvalidTopicNameException as error:
+        raise InputError(topic, 'is no name of a topic', 'write it as ros2 topic list does') from error
     finally:
         context.try_shutdown()
-    if not texts:
+    if not found:
         remedy = 'start robot_state_publisher, or give the file by --urdf'
         raise InputError(topic, 'no robot description in 10 s', remedy)
-    return texts[0]
+    return str(message.data)

@@ -17,8 +17,7 @@ What may pass by itself, as a controller that is not active or a sensor that is 
 With `use_sim_time` all times are those of `/clock`.
 
 The controller is commanded as `joint_trajectory_controller` of ros2_control has it: every command replaces the one
-before, which then ends as aborted; a goal that is not for an active controller, or not of its joints, is rejected. Its
-parameter `joints` is asked for where it has one.
+before, which then ends as aborted; a goal that is not for an active controller, or not of its joints, is rejected.
 """
 
 from __future__ import annotations
@@ -39,8 +38,7 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.srv import GetParameters
-from rclpy.action import ActionClient, get_action_names_and_types
+from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future as RclpyFuture
@@ -80,7 +78,6 @@ class Controller:
 
     Attributes:
         is_action: whether it is commanded by goals.
-        error: largest difference of a joint from where the controller wants it, by its feedback, rad; None without.
 
     Raises:
         InputError: `control_msgs` cannot be imported.
@@ -92,14 +89,11 @@ class Controller:
         self._client: ActionClient | None = None
         self._name = self._publisher.topic_name
         if action:
-            self._kind = follow_joint_trajectory('action', 'leave action empty and command by joint_trajectory')
+            self._kind = follow_joint_trajectory()
             self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
         self.is_action, self._number = bool(action), 0
-        self.error: float | None = None
         own = f'{self._name}'.rpartition('/')[0]
         self._topic = f'{own}/joint_trajectory' if action else self._name
-        self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
-        self._asked: RclpyFuture | None = None
         self._foreign, self._goals = '', f'{own}/follow_joint_trajectory'
         if not action:
             status, quality = f'{self._goals}/_action/status', qos_profile_action_status_default
@@ -110,38 +104,16 @@ class Controller:
         if self._client is None:
             heard = self._publisher.get_subscription_count() > 0
             return '' if heard else f'nobody hears {self._name}: start the controller, or remap the topic'
-        if self._client.server_is_ready():
-            return ''
-        kinds = dict(get_action_names_and_types(self._node)).get(self._name)
-        if kinds and (wanted := 'control_msgs/action/FollowJointTrajectory') not in kinds:
-            return f'the action {self._name} is a {" and ".join(kinds)}, expected {wanted}'
-        return f'nobody serves the action {self._name}: start the controller, or set action'
+        is_served = self._client.server_is_ready()
+        return '' if is_served else f'nobody serves the action {self._name}: start the controller, or set action'
 
-    def problem(self, joints: tuple[str, ...]) -> str:
-        """That somebody else commands as well, or that the controller has other joints; empty where all is well.
-
-        Args:
-            joints: that are commanded.
-        """
+    def problem(self) -> str:
+        """That somebody else commands as well; empty where nobody does."""
         found = publishers_of(self._node, self._topic)
         others = [name for name in found if name != self._node.get_fully_qualified_name()]
         if others or len(found) > 1:
             return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
-        if self._foreign and self._node.count_publishers(f'{self._goals}/_action/status'):
-            return self._foreign
-        if not self._parameters.service_is_ready():
-            self._asked = None  # the next controller is asked anew
-        elif self._asked is None:
-            request = GetParameters.Request(names=['joints', 'allow_partial_joints_goal'])
-            self._asked = self._parameters.call_async(request)
-        values = self._asked.result().values if self._asked and self._asked.done() else []
-        known = list(values[0].string_array_value) if values else []
-        if known and (set(joints) - set(known) or (set(known) - set(joints) and not values[1].bool_value)):
-            return (
-                f'the controller of {self._name} moves {" ".join(known)}, the cell names {" ".join(joints)}: '
-                f'correct robot.joint_names, robot.lift and robot.hold'
-            )
-        return ''
+        return self._foreign if self._node.count_publishers(f'{self._goals}/_action/status') else ''
 
     def send(self, command: Command) -> None:
         """Sends a command, which replaces the former."""
@@ -151,7 +123,7 @@ class Controller:
             return
         self._number += 1
         goal = self._kind.Goal(trajectory=trajectory)
-        answer = self._client.send_goal_async(goal, feedback_callback=self._follow)
+        answer = self._client.send_goal_async(goal)
         answer.add_done_callback(partial(self._take_answer, self._number))
 
     def _hear(self, message: GoalStatusArray) -> None:
@@ -161,9 +133,6 @@ class Controller:
         self._foreign = f'somebody else sends goals to {self._goals}: end that' if is_commanded else ''
         if is_commanded:
             self._failed(self._foreign, False)
-
-    def _follow(self, message: Any) -> None:
-        self.error = max((abs(each) for each in message.feedback.error.positions), default=0.0)
 
     def _take_answer(self, number: int, future: RclpyFuture) -> None:
         if future.exception() is not None:
@@ -182,13 +151,11 @@ class Controller:
         if status == GoalStatus.STATUS_CANCELED:
             self._failed('somebody cancelled a trajectory', False)
             return
-        lasting = 'INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED'
-        names = 'INVALID_GOAL', *lasting, 'GOAL_TOLERANCE_VIOLATED'
-        name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
-        text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
+        kinds, code = self._kind.Result, result.error_code
         # what it says of a goal that it dropped as it was deactivated; of one in whose place another came it does not
-        is_dropped = name == 'INVALID_GOAL' and 'deactivat' not in result.error_string
-        passes = not is_dropped and name not in ('no error code', *lasting)
+        is_dropped = code == kinds.INVALID_GOAL and 'deactivat' not in result.error_string
+        text = f'the controller aborts a trajectory (error code {code}): {result.error_string}'
+        passes = not is_dropped and code in (kinds.INVALID_GOAL, kinds.GOAL_TOLERANCE_VIOLATED)
         self._failed(text + is_dropped * ': somebody else commands the robot', passes)
 
 
@@ -196,8 +163,6 @@ RESULT = 'calibration'
 """Folder of the result, in `output`."""
 _WAIT = 10.0
 """With `autostart`, how long somebody may take to hear `joint_trajectory`, s; and the zero of the sensor."""
-_APART = 60.0
-"""Stamps that are farther from the clock of this node are of another one, s."""
 
 
 def _end_with_parent() -> None:
@@ -241,7 +206,6 @@ class TouchRunner(RecordingNode):
         zero = self._cell.sensor.zero_service
         self._zero_client = self.create_client(Trigger, zero) if zero else None
         self._zero: RclpyFuture | None = None
-        self._apart: dict[Stream, float] = {}
         self._state = self.create_publisher(DiagnosticArray, '~/state', LATCHED)
         self._next = self.create_publisher(PoseStamped, '~/next_touch', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms)
@@ -336,14 +300,9 @@ class TouchRunner(RecordingNode):
         return self._controller.absence() or self._hearing() or (missing and f'{missing} (sensor.zero_service)')
 
     def _hearing(self) -> str:
-        """Why somebody else as well, or with other joints or clocks, moves the robot; empty where all is well."""
-        if problem := self._controller.problem((*self._cell.joint_names, *self._cell.other_joints)):
+        """Why another robot may be moved, or this one by somebody else as well; empty where all is well."""
+        if problem := self._controller.problem():
             return problem
-        if self._runner.status.phase == 'idle':
-            for stream, apart in self._apart.items():
-                if abs(apart) > _APART:
-                    topic, remedy = self._streams.monitors[stream].topic, 'set use_sim_time, or synchronise the clocks'
-                    return f'{topic}: stamps of another clock, {apart:.0f} s apart from that of this node: {remedy}'
         unnamed = self._streams.is_taken_for_the_example
         return 'the parameter cell is empty: name the cell description of this robot' if unnamed else ''
 
@@ -369,8 +328,6 @@ class TouchRunner(RecordingNode):
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         self._record(stream, message, received, sample)
         senses, now = self._runner.senses, 1e-9 * self._time()
-        if sample is not None:
-            self._apart[stream] = 1e-9 * (self.now() - sample.stamp_ns)
         if sample is None:
             monitor = self._streams.monitors[stream]
             senses.refuse(monitor.refusal, moved=monitor.has_moved)
@@ -388,11 +345,12 @@ class TouchRunner(RecordingNode):
 
     def _detect(self) -> Detection:
         """The touches that were found and are on the disk."""
-        if self._session is None:
-            return Detection(no_touches())
-        for touch in self._session.poll():
-            self.say(WARN if touch.reason else OK, touch.line)
-        latest, self._session.latest = self._session.latest, Detection(no_touches())
+        latest = Detection(no_touches())
+        with self._guarded():
+            if self._session is not None:
+                for touch in self._session.poll():
+                    self.say(WARN if touch.reason else OK, touch.line)
+                latest, self._session.latest = self._session.latest, latest
         return latest
 
     def _lost(self, reason: str) -> None:
@@ -404,10 +362,7 @@ class TouchRunner(RecordingNode):
         if not self._is_running or (now - self._ticked < 2_000_000 and now >= self._ticked) or not self._is_zeroed():
             return
         self._ticked = now
-        command = None
-        with self._guarded():  # of the recording, in `_detect`
-            command = self._runner.tick(1e-9 * now)
-        if command is not None:
+        if (command := self._runner.tick(1e-9 * now)) is not None:
             self._controller.send(command)
             self._runner.note(1e-9 * self._time())
         status = self._runner.status
@@ -492,14 +447,8 @@ class TouchRunner(RecordingNode):
     def facts(self) -> dict[str, str]:
         """What is on `~/state`, by name."""
         session, status = self._session, self._runner.status
-        values = {
-            'phase': status.phase,
-            'text': status.text,
-            **status.values,
-            'recording': '' if session is None else str(session.folder),
-        }
-        error = self._controller.error
-        return values | {'result': self._result, 'controller_error': '' if error is None else f'{error:.3g}'}
+        values = {'phase': status.phase, 'text': status.text, **status.values}
+        return values | {'recording': '' if session is None else str(session.folder), 'result': self._result}
 
     def _publish_state(self) -> None:
         status = self._runner.status

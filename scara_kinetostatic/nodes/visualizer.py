@@ -4,13 +4,12 @@ Publishes `visualization_msgs/MarkerArray` in the frame of `robot.plane`, else `
 with `frame_prefix` before it: on `~/markers`,
 latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
 found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles and the
-uncertainty of the tip. The URDF of both arms is on `robot_description`, latched, and is handed to a
-`robot_state_publisher` in the same namespace, which publishes their frames. Where the cell states the link that carries
-the tip (`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
+uncertainty of the tip. The URDF of the nominal arm is on `robot_description`, latched; where the cell states the link
+that carries the tip (`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
 and the covariance, it reads from the file that the result names; without the file they are not shown, and that is said.
-A result that the calibrator does not publish, as it is unfit, changes neither the calibrated arm nor the URDF.
+A result that the calibrator does not publish, as it is unfit, does not change the calibrated arm.
 """
 
 from __future__ import annotations
@@ -23,8 +22,6 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -33,7 +30,6 @@ from visualization_msgs.msg import MarkerArray
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
@@ -65,8 +61,6 @@ class Visualizer(CellNode):
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
-        self._frames = self.create_client(SetParameters, 'robot_state_publisher/set_parameters')
-        self._untold = ''
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
         topic = self._cell.sensor.joint_states
         self._joint_states = self.create_subscription(JointState, topic, self._note_joints, newest, raw=True)
@@ -75,10 +69,10 @@ class Visualizer(CellNode):
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self._next_touch: PoseStamped | None = None
         self._next_text = ''
-        for name in ('calibrator', 'touch_runner'):
-            self.create_subscription(PoseStamped, f'{name}/next_touch', self._note_next, LATCHED)
-            self.create_subscription(DiagnosticArray, f'{name}/state', self._note_state, LATCHED)
-        self._describe(None)
+        self.create_subscription(PoseStamped, 'touch_runner/next_touch', self._note_next, LATCHED)
+        self.create_subscription(DiagnosticArray, 'touch_runner/state', self._note_state, LATCHED)
+        if not self._cell.plane.tip:
+            self._description.publish(String(data=side_by_side('scara', self._cell, None)))
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
 
@@ -113,7 +107,6 @@ class Visualizer(CellNode):
                 document = conversion.stored_document(said)
             except InputError as error:
                 self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {error}')
-            calibrated = estimated(document)
             markers.result_markers(document, self._cell.discs, self._scales)
             markers.uncertainty_markers(document, (0.0, 0.0), self._scales)  # tried before it is shown
             published = bool(said.get('published', True))
@@ -123,32 +116,16 @@ class Visualizer(CellNode):
         self._document, self._changed = document, True
         if published:
             self._calibrated = document
-            self._describe(calibrated)
 
     def _note_next(self, message: PoseStamped) -> None:
-        self._next_touch, self._changed = message if message.header.frame_id else None, True
+        self._next_touch, self._changed = message, True
 
     def _note_state(self, message: DiagnosticArray) -> None:
         text = '; '.join(status.message for status in message.status)
         self._changed |= text != self._next_text
         self._next_text = text
 
-    def _describe(self, calibrated: Parameters | None) -> None:
-        """Publishes the URDF; none where the robot has its own."""
-        if self._cell.plane.tip:
-            return
-        self._untold = side_by_side('scara', self._cell, calibrated)
-        self._description.publish(String(data=self._untold))
-
-    def _tell_frames(self) -> None:
-        """Hands a new URDF to robot_state_publisher, once it is there."""
-        if self._untold and self._frames.service_is_ready():
-            parameter = Parameter('robot_description', value=self._untold).to_parameter_msg()
-            self._frames.call_async(SetParameters.Request(parameters=[parameter]))
-            self._untold = ''
-
     def _publish_scene(self) -> None:
-        self._tell_frames()
         began = monotonic()
         if not self._changed or began < self._next_scene:
             return

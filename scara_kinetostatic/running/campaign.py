@@ -2,7 +2,7 @@
 
 The first touches are planned from the nominal model. After `FIRST` accepted ones, and after each further one, the
 touches are calibrated, while the robot makes those planned before; when they are made, the next few are planned. A
-place where a touch fails is tried again, then somewhat aside, then given up.
+place where touches fail is given up.
 """
 
 from __future__ import annotations
@@ -33,11 +33,9 @@ FIRST = 9
 _FEW = 4
 """Touches that are planned at a time from then on."""
 _TRIES = 3
-"""Failed touches after which a place is given up; the last of them was aside."""
+"""Failed touches after which a place is given up."""
 _MOST_FAILED = 9
 """Failed touches in a row, or three times as many altogether, after which the whole run is given up."""
-_ASIDE = np.deg2rad(8)
-"""How far aside the last try of a place is, rad."""
 _TO_DECIDE = 12
 """Touches that are made at most to decide between effects."""
 _WELL_KNOWN = 2e-3
@@ -152,23 +150,15 @@ class Campaign:
             self._order()
 
     def reject(self, target: Target) -> str:
-        """A touch that failed: again, aside, or its place is given up; returns which."""
+        """A touch that failed: again, or its place is given up; returns which."""
         self.failed += 1
         self._in_row += 1
         attempts = target.attempts + 1
         if attempts >= _TRIES:
             self._given_up = (*self._given_up, target.place())
             return f'{self.name(target)} is given up'
-        moved = target.plan
-        if attempts == _TRIES - 1:
-            for side in (_ASIDE, -_ASIDE):
-                aside = replace(moved, angle=moved.angle + side)
-                is_on = self.cell.discs[target.place()[0]].is_closed or 0 <= aside.angle[0] < 2 * np.pi
-                if is_on and not any(self.knowledge.planner.problems(aside)):
-                    moved = aside
-                    break
-        self._targets.insert(0, Target(moved, target.reason, attempts))
-        return 'again' if moved is target.plan else 'again, moved aside'
+        self._targets.insert(0, target._replace(attempts=attempts))
+        return 'again'
 
     def name(self, target: Target) -> str:
         """Of a touch, in words."""

@@ -20,6 +20,7 @@ on its way, as a controller that scales the speed makes it, is waited for as lon
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor
 from math import dist, hypot
 from typing import NamedTuple
 
@@ -218,7 +219,7 @@ class Runner:
             else:  # while retracting: it stands
                 self._script = None
             return self._stand()
-        except ScaraKinetostaticError as error:
+        except (ScaraKinetostaticError, BrokenExecutor) as error:  # the latter: the process that calibrates was killed
             self._give_up(Fault(str(error)))
             return self._stand()
         return self._command
@@ -438,7 +439,7 @@ class Runner:
         if abs(here[2] - goal) < 1e-6 and self._arrived(goal):
             return
         track = Track.of(np.array([here, [*here[:2], goal]]), self._parameters)
-        yield from self._follow(track, min(_LIFT_SPEED, self.cell.touch.speed), 'the lift moves')
+        yield from self._follow(track, min(_LIFT_SPEED, self.cell.touch.speed))
         began = self._now
         while not self._arrived(goal):
             if self._now - began > 1.0:
@@ -459,30 +460,20 @@ class Runner:
     def _planner(self) -> Planner:
         return self.campaign.knowledge.planner
 
-    def _follow(self, track: Track, speed: float, what: str) -> Iterator[None]:
+    def _follow(self, track: Track, speed: float) -> Iterator[None]:
         """Goes along a track through free space.
 
         Raises:
             Fault: a contact on the way, or what `_check` says.
         """
         motion = self._motion = Motion(track, speed)
-        limit, pausing = self._free_limit, False
+        limit = self._free_limit
         while motion.at < track.length:
             self._check(_OFF_TRACK)
             self._check_lift(track)
             if self.senses.force > limit:
                 raise Fault(f'a force of {self.senses.force:.1f} N on the way: a contact where none must be')
-            if self._paused and not pausing:
-                pausing = True
-                self._halt_motion(motion)
-                motion = self._motion = Motion(track, speed, motion.at)
-                motion.sent = motion.at
-                self._say('paused', 'paused on the way; call ~/start to go on')
-            if not self._paused:
-                if pausing:
-                    self._say('travel', what)
-                pausing = False
-                self._move(motion, track.length, is_free=True)
+            self._move(motion, track.length, is_free=True)
             yield
         yield from self._stopped()
         self._motion = None
@@ -512,8 +503,7 @@ class Runner:
     def _travel(self, target: Target, way: Poses) -> Iterator[None]:
         """To where the approach begins."""
         planner, cell, name = self._planner, self.cell, self.campaign.name(target)
-        text = f'next: {name}, {target.reason}'
-        self._say('travel', text)
+        self._say('travel', f'next: {name}, {target.reason}')
         self._tare('where nothing is touched', may_retract=False)
         here = self._here()
         pieces = [here[None, :2]]
@@ -535,7 +525,7 @@ class Runner:
             joints = np.concatenate([joints[:1], joints, joints[-1:]])
             lift = np.concatenate([lift[:1], np.full(len(lift), cell.lift.up), [cell.lift.down]])
             weight = max(speed / _LIFT_SPEED, 1.0)
-        yield from self._follow(Track.of(np.column_stack([joints, lift]), self._parameters, weight), speed, text)
+        yield from self._follow(Track.of(np.column_stack([joints, lift]), self._parameters, weight), speed)
 
     def _tare(self, where: str, *, may_retract: bool = True) -> None:
         """Takes the force in free motion as zero.

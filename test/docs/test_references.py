@@ -21,7 +21,6 @@ import scara_kinetostatic as sk
 from benchmark.figures import FIGURES, with_figures
 from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES, UNITS
-from scara_kinetostatic.results.parameter_file import FACTS
 
 NODES = (
     'contact_simulator', 'collector', 'calibrator', 'compensator', 'contour_tracker', 'monitor', 'touch_runner',
@@ -68,7 +67,7 @@ def test_parameters_are_described() -> None:
     assert {f'truth.{name}' for name in NAMES} <= set(declared()['contact_simulator']['parameters'])
     results = {name for name, one in declared()['calibrator']['parameters'].items() if one['result']}
     numbers = {f'{group}.{name}' for group in ('calibrated', 'calibrated_std') for name in UNITS}
-    assert results == numbers | {f'calibration.{name}' for name in FACTS}
+    assert results == numbers
 
 
 def test_every_effect_has_its_row_of_identification() -> None:

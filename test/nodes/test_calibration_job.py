@@ -20,7 +20,6 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.calibration_job import Job, do
-from scara_kinetostatic.nodes.calibrator import Announced
 from scara_kinetostatic.results import report as page
 from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.simulation.plan import default_plan
@@ -125,12 +124,13 @@ def test_what_contradicts_the_cell_names_its_file(job, bags, tmp_path):
         calibrated(job(cell=path))
 
 
+CODE = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
+
+
 def test_the_process_speaks_json_only(bags, tmp_path):
     order = Job([str(bags[2])], '', [], [], str(tmp_path), False)
-    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
-    ended = subprocess.run(
-        [sys.executable, '-c', code], input=json.dumps(order._asdict()), capture_output=True, text=True, timeout=WAIT
-    )
+    command = [sys.executable, '-c', CODE, json.dumps(order._asdict())]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     (said,) = map(json.loads, ended.stdout.splitlines())
     assert list(said) == ['error']
     assert 'broken' in said['error']
@@ -139,44 +139,10 @@ def test_the_process_speaks_json_only(bags, tmp_path):
 
 def test_the_process_ends_with_the_node(bags, tmp_path):
     order = Job([str(bags[0])], '', [], [], str(tmp_path / 'out'), False)
-    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
-    pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
-    process = subprocess.Popen([sys.executable, '-c', code], text=True, **pipes)  # type: ignore[call-overload]
+    command = [sys.executable, '-c', CODE, json.dumps(order._asdict())]
+    process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
-    process.stdin.write(json.dumps(order._asdict()) + '\n')
-    process.stdin.close()
     assert process.stderr.read() == ''
     assert process.wait(WAIT) == 1
     process.stderr.close()
     assert not (tmp_path / 'out').exists()
-
-
-@pytest.mark.parametrize(
-    ('announcements', 'session', 'last', 'everything'),
-    [
-        ([('a', 3)], ['a'], ['a'], ['a']),
-        ([('a', 1), ('a', 1)], ['a'], ['a'], ['a']),
-        ([('a', 1), ('b', 2)], ['b'], ['b'], ['a', 'b']),  # told to stop and to start
-        ([('a', 1), ('b', 1)], ['a', 'b'], ['b'], ['a', 'b']),  # started anew
-        ([('a', 1), ('b', 2), ('c', 1), ('d', 1)], ['b', 'c', 'd'], ['d'], ['a', 'b', 'c', 'd']),
-        ([('a', 1), ('b', 1), ('c', 2)], ['c'], ['c'], ['a', 'b', 'c']),
-        ([('a', None), ('b', None)], ['b'], ['b'], ['a', 'b']),  # a middleware without numbers
-        ([('', 1)], [], [], []),
-    ],
-)
-def test_announced_recordings_that_belong_together(announcements, session, last, everything):
-    announced = Announced()
-    for path, number in announcements:
-        announced.note(path, number)
-    assert [announced.chosen(which) for which in ('session', 'last', 'all')] == [session, last, everything]
-
-
-def test_a_recording_that_was_stopped_ends_the_session():
-    announced = Announced()
-    announced.note('monday', 1)
-    announced.note('monday_again', 1)  # after a crash
-    announced.stop('monday_again')
-    assert not announced.note('tuesday', 1)
-    assert announced.chosen('session') == ['tuesday']
-    assert announced.note('tuesday_again', 1)
-    assert announced.chosen('session') == ['tuesday', 'tuesday_again']

@@ -40,7 +40,7 @@ def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('
 
 def test_start_and_stop_each_make_sense_once(bench, cell_file, tmp_path):
     b = bench(Collector, cell=cell_file, output=tmp_path / 'bags')
-    recordings, stopped = (b.hear(String, f'/collector/{name}') for name in ('recording', 'stopped'))
+    recordings = b.hear(String, '/collector/recording')
     assert 'nothing is being recorded' in b.call('/collector/stop').message
     started = b.call('/collector/start')
     assert started.success
@@ -53,7 +53,6 @@ def test_start_and_stop_each_make_sense_once(bench, cell_file, tmp_path):
     assert 'recording already' in again.message
 
     assert b.call('/collector/stop').success
-    b.wait(lambda: [said.data for said in stopped] == [first])
     assert b.call('/collector/start').success
     b.wait(lambda: len(recordings) == 2)
     second = recordings[1].data
@@ -126,7 +125,7 @@ def test_a_recording_without_usable_joint_states_is_no_success(spin, tmp_path):
     assert eventually(lambda: 'expected positions of joint1 and joint2' in collector._examine().message)
     assert collector._examine().level == WARN
     assert 'shoulder elbow' in collector._examine().message
-    with pytest.raises(RefusedError, match=r'/joint_states: no usable message of 20'):
+    with pytest.raises(RefusedError, match='/joint_states: expected positions of joint1 and joint2'):
         collector._stop()
 
 

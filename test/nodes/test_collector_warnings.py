@@ -18,7 +18,7 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.nodes import session
-from scara_kinetostatic.nodes.cell_node import OK, WARN, PersistentComplaints
+from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import Session
@@ -114,25 +114,13 @@ def test_a_robot_whose_cell_is_given_is_no_example(spin, cell_file):
     assert collector._examine().level == OK
 
 
-def test_a_problem_is_logged_once_when_it_lasts():
-    logged: list[str] = []
-    complaints = PersistentComplaints(logged.append)
-    for number in range(5):
-        assert complaints.note(['', f'{number} MiB left', 'once' if number == 2 else '']) != []
-    assert logged == ['2 MiB left']
-    complaints.note([])
-    for _ in range(3):
-        complaints.note(['7 MiB left'])
-    assert logged == ['2 MiB left', '7 MiB left']
-
-
 def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():
-    monitor = StreamMonitor('/joint_states', with_joints=True)
+    monitor = StreamMonitor('/joint_states')
     monitor.publishers = ['/a/driver']
     assert monitor.mixture() == ''
     monitor.publishers.append('/b/driver')
     assert '2 publishers (/a/driver, /b/driver)' in monitor.mixture()
-    monitor.accept(1)
+    monitor.accept()
     monitor.refuse('other joints')
     monitor.report()
     assert monitor.mixture() == ''
@@ -141,11 +129,11 @@ def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():
 
 
 def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named():
-    monitor = StreamMonitor('/joint_states', with_joints=True)
+    monitor = StreamMonitor('/joint_states')
     monitor.publishers = ['/shoulder', '/elbow', '/gripper']
-    for number in range(50):
+    for _ in range(50):
         monitor.note_part('joint2')
-        monitor.accept(number)
+        monitor.accept()
         monitor.refuse('expected positions of joint1 and joint2')
     assert monitor.mixture() == ''  # before the first report
     assert not any(monitor.report()[0])
@@ -153,7 +141,7 @@ def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named():
     monitor.refuse('joint2 is silent')
     assert monitor.report()[0] == ['/joint_states: joint2 is silent', '']
     assert (monitor.count, monitor.unusable, monitor.parts) == (152, 51, 51)
-    monitor.accept(50)
+    monitor.accept()
     assert '3 publishers' in monitor.report()[0][-1]  # no parts since the last report
 
 
@@ -162,19 +150,7 @@ def test_a_held_joint_that_has_moved_is_known_until_a_message_can_be_used():
     monitor.refuse('joint4 is at 0.6', has_moved=True)
     monitor.note_part('joint2')
     assert (monitor.refusal, monitor.has_moved) == ('joint4 is at 0.6', True)
-    monitor.accept(1)
+    monitor.accept()
     assert (monitor.refusal, monitor.has_moved) == ('', False)
     monitor.note_part('joint2')
     assert (monitor.refusal, monitor.has_moved) == ('nothing yet of joint2', False)
-
-
-def test_two_robots_by_way_of_one_publisher_are_seen():
-    monitor = StreamMonitor('/joint_states', with_joints=True)
-    for number in range(200):
-        monitor.accept(number, (0.1 + 0.5 * (number % 2), 0.3))
-    monitor.report()
-    assert 'two robots on one topic' in monitor.mixture()
-    for number in range(200):
-        monitor.accept(number, (0.1 + 0.001 * number, 0.3))
-    monitor.report()
-    assert monitor.mixture() == ''

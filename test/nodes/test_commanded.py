@@ -10,7 +10,6 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from nodes.waiting import trigger
 from rcl_interfaces.srv import SetParameters
-from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -108,7 +107,7 @@ def test_it_obeys_and_says_what_it_refuses(processes, client, cell_in, scene):
         ({'scene': 'nowhere'}, "scene: there is no 'nowhere'"),
         ({'fault': 'nonsense'}, 'expected does_not_follow'),
         ({'lag': -1.0}, 'parameter lag'),
-        ({'preload': 0.3}, 'parameter commanded: a commanded robot has no plan'),
+        ({'plan': 'plan.yaml'}, 'parameter commanded: a commanded robot has no plan'),
         ({'scene': 'plain', 'effects': 'sensor_bias:x=1.0,y=-0.5'}, 'a scene has its own'),
     ],
 )
@@ -117,39 +116,3 @@ def test_senseless_parameters_are_refused(spin, given, message):
     rest = {name: value for name, value in given.items() if name != 'effects'}
     with pytest.raises(ParameterError, match=message):
         spin(ContactSimulator, *effects, commanded=True, **rest)
-
-
-def test_it_serves_the_action_of_ros2_control(processes, client, cell_in):
-    """With the types of control_msgs, where they are installed."""
-    kind = pytest.importorskip('control_msgs.action').FollowJointTrajectory
-    cell = cell_in(CELL)
-    processes.start('contact_simulator', {'cell': cell, 'commanded': True})
-    cockpit = Cockpit(client)
-    action = ActionClient(client._node, kind, '/follow_joint_trajectory')
-    client.wait('the server', action.server_is_ready, 60.0)
-    names, (q1, q2, *_) = ('joint1', 'joint2', 'joint3', 'joint4'), cockpit.at
-
-    def send(q: float, seconds: float, names: tuple[str, ...] = names) -> Any:
-        trajectory = joint_trajectory(names, [seconds], [[q, q2, 0.02, 0.1][: len(names)]])
-        future = action.send_goal_async(kind.Goal(trajectory=trajectory))
-        cockpit.wait(future.done)
-        return future.result()
-
-    def result(goal: Any) -> tuple[int, int, str]:
-        future = goal.get_result_async()
-        cockpit.wait(future.done)
-        ended = future.result()
-        return ended.status, ended.result.error_code, ended.result.error_string
-
-    assert result(send(q1 - 0.05, 0.3)) == (4, 0, 'Goal successfully reached!')
-    assert not send(q1, 0.3, names[:2]).accepted
-    first = send(q1, 30.0)
-    second = send(q1, 30.0)
-    assert result(first) == (6, -1, 'Current goal preempted by new incoming action.')
-    second.cancel_goal_async()
-    assert result(second)[:2] == (5, 0)
-    third = send(q1, 30.0)
-    request = SetParameters.Request(parameters=[Parameter('active', value=False).to_parameter_msg()])
-    assert client.call('/contact_simulator/set_parameters', SetParameters, request, 60.0).results[0].successful
-    assert result(third) == (6, -1, 'Current goal cancelled during deactivate transition.')
-    assert not send(q1, 0.3).accepted

@@ -45,8 +45,8 @@ def test_a_former_result_that_is_no_number_is_refused(spin):
     ('kind', 'argument', 'message'),
     [
         (Collector, f'cell:={NOBODY}', 'parameter cell'),
-        (Collector, 'autostart:=3', 'parameter autostart: expected true or false'),
-        (Calibrator, 'recording:=true', 'parameter recording: expected a string'),
+        (Collector, 'autostart:=3', 'parameter autostart'),
+        (Calibrator, 'recording:=true', 'parameter recording'),
     ],
 )
 def test_parameters_that_make_no_sense_are_refused(spin, kind, argument, message):
@@ -104,17 +104,6 @@ def test_gaps_in_the_numbers_of_messages(publishers, numbers, missed):
         lost += expected
         assert monitor.lost == lost
     assert (f'{lost} messages lost' in ''.join(monitor.report()[0])) == (lost > 0)
-
-
-def test_a_driver_that_does_not_stamp_is_named():
-    monitor = StreamMonitor('/joint_states')
-    for _ in range(2):
-        monitor.accept(0)
-        monitor._stamped -= 2.0  # as if 2 s had passed
-    monitor.accept(0)
-    assert 'header stamps do not change' in monitor.report()[0][0]
-    monitor.accept(1_700_000_000_000_000_000)
-    assert not any(monitor.report()[0])
 
 
 def test_neither_a_hundred_calls_nor_any_text_of_a_parameter_ends_the_collector(processes, domain, tmp_path):

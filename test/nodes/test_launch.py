@@ -164,7 +164,6 @@ def test_arguments_that_are_not_given_leave_the_parameter_file(launched):
     given = launched.nodes(params='own.yaml', autostart='false', seed='3', recordings='bags', respawn='true')
     assert parameters(given['collector']).keys() == {'autostart', 'output'}
     assert parameters(given['contact_simulator']).keys() == {'seed'}
-    assert parameters(given['calibrator']) == {'restore': True}
 
 
 def test_an_earlier_result_is_that_of_all_nodes(launched, tmp_path):

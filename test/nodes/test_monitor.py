@@ -137,9 +137,9 @@ def test_only_newer_results_are_taken(watching, calibration, tmp_path):
         document = json.loads(calibration.read_text()) | {'created': created}
         (tmp_path / 'calibration.json').write_text(json.dumps(document))
         said = {'published': True, 'created': created, 'files': {'folder': str(tmp_path)}}
-        node._calibration._take_result(String(data=json.dumps(said)), {})
+        node._calibration._take_result(String(data=json.dumps(said)))
         assert node._monitor.count == count and node._report().level == OK
-    node._calibration._take_result(String(data='[' * 100_000), {})
+    node._calibration._take_result(String(data='[' * 100_000))
     assert node._report().level == WARN and 'not JSON' in node._report().message
     assert node.get_subscriptions_info_by_topic('/calibrator/result')
 
@@ -191,11 +191,11 @@ def test_the_calibration_of_the_calibrator(watching, calibration):
     created = json.loads(calibration.read_text())['created']
     said = {'published': True, 'created': created, 'files': {'folder': str(calibration.parent)}}
     for wrong in ('{', '[]', '{}', json.dumps(said | {'created': 'x'}), json.dumps(said | {'files': {'folder': ''}})):
-        node._calibration._take_result(String(data=wrong), {})
+        node._calibration._take_result(String(data=wrong))
         assert node._report().level == WARN and 'not taken' in node._report().message
-    node._calibration._take_result(String(data=json.dumps(said)), {})
+    node._calibration._take_result(String(data=json.dumps(said)))
     assert node._report().level == OK
-    node._calibration._take_result(String(data='{'), {})
+    node._calibration._take_result(String(data='{'))
     feed(node, touches_of(CELL, 1, world=None).select([0]), '/a')
     assert node._report().level == WARN and 'not taken' in node._report().message
 

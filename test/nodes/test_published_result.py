@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.errors import CalibrationFileError, ParameterError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -29,7 +29,7 @@ from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
-from scara_kinetostatic.results.parameter_file import FACTS, facts, parameter_text
+from scara_kinetostatic.results.parameter_file import facts, parameter_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -69,10 +69,6 @@ class Calling(Bench):
         reply = {'folder': str(self.folder / 'results'), 'note': note}
         (self.folder / 'reply.json').write_text(json.dumps({'reply': reply}))
         return self.call('/calibrator/calibrate')
-
-    def load(self, name: str) -> Trigger.Response:
-        self.node.set_parameters([Parameter('name', value=name)])
-        return self.call('/calibrator/load')
 
 
 @pytest.fixture
@@ -126,16 +122,16 @@ def test_a_result_keeps_the_rules_with_which_it_was_begun(calling, outcome, tmp_
     """Its files are written by these rules already."""
     node = calling().node
     job = node._job()
-    node.set_parameters([Parameter('publish_unfit', value=True), Parameter('name', value='next')])
+    node.set_parameters([Parameter('publish_unfit', value=True)])
     shown: list[str] = []
     node._result = SimpleNamespace(publish=lambda message: shown.append(message.data))
     write(tmp_path / 'results', outcome, assessment='unfit')
     node._take(tmp_path / 'results', '', job)
     assert not node.has_parameter('calibrated.l1')
-    assert json.loads(shown[0])['name'] == ''
+    assert json.loads(shown[0])['published'] is False
 
 
-def test_the_level_follows_assessment_verdict_and_warnings_and_facts_are_parameters(calling, outcome):
+def test_the_level_follows_assessment_verdict_and_warnings(calling, outcome):
     b = calling()
     for changes, level, said in (
         ({}, OK, 'written to '),
@@ -148,12 +144,10 @@ def test_the_level_follows_assessment_verdict_and_warnings_and_facts_are_paramet
         assert answer.success
         assert said in answer.message
         assert b.node._condition.level == level
-        for name in changes.keys() & FACTS.keys():
-            assert b.node.get_parameter(f'calibration.{name}').value == changes[name], 'published all the same'
     assert b.node.get_parameter('calibrated.l1').value == 0.5
-    assert {name: b.node.get_parameter(f'calibration.{name}').value for name in FACTS} == facts(outcome)
+    assert b.node._results.facts == facts(outcome)
     assert isnan(b.node.get_parameter('calibrated_std.l2').value)
-    (refused,) = b.node.set_parameters([Parameter('calibration.assessment', value='fit')])
+    (refused,) = b.node.set_parameters([Parameter('calibrated.l1', value=1.0)])
     assert 'read-only' in refused.reason
 
 
@@ -170,76 +164,39 @@ def test_the_status_says_which_result_was_loaded_from_a_file(calling, outcome, t
     status = calling('--params-file', str(path)).node._report()
     assert status.level == level
     assert 'loaded from a parameter file' in status.message
-    assert status.message.startswith(f'{grade or "not assessed"}: ')
+    assert status.message.startswith(f'{grade or "not assessed"}, of ')
     assert status.values['present result'].startswith(f'{grade or "not assessed"}{origin}')
 
 
-def test_results_are_kept_by_name_and_loaded_again(calling, outcome, tmp_path):
-    b = calling(output=tmp_path)
-    write(tmp_path / 'monday', outcome)
-    write(tmp_path / 'bad', outcome, assessment='unfit')
-    answer = b.load('monday')
-    assert answer.success, answer.message
-    assert answer.message.startswith(f'fit: result loaded from {tmp_path / "monday"}, of 20')
-    assert b.node.get_parameter('calibrated.l1').value == outcome.final.parameters.l1
-    assert b.node._condition.level == OK
-    b.wait(lambda: b.results)
-    assert (b.results[0]['name'], b.results[0]['published']) == ('monday', True)
-    assert b.results[0]['files'] == {'folder': str(tmp_path / 'monday')}
-    for name, message in (('tuesday', "there is no result 'tuesday'"), ('bad', 'unfit for use; publish_unfit:=true')):
-        answer = b.load(name)
-        assert not answer.success
-        assert message in answer.message
-    assert b.load('tuesday').message.endswith('there are bad, monday')
-    b.node.set_parameters([Parameter('publish_unfit', value=True)])
-    assert b.load('bad').success
-    assert b.node._condition.level == ERROR
-    (tmp_path / 'monday' / 'calibration.json').write_text('{"schema": "scara_kinetostatic/calibration/1"}')
-    assert 'calibration.json: is damaged' in b.load('monday').message
-    (tmp_path / 'monday' / 'calibration.json').unlink()
-    assert 'calibration.json: cannot be read' in b.load('monday').message
+def test_a_result_without_its_document_is_refused(calling, outcome, tmp_path):
+    b = calling()
+    write(tmp_path / 'results', outcome)
+    (tmp_path / 'results' / 'calibration.json').unlink()
+    with pytest.raises(CalibrationFileError, match=r'calibration\.json: cannot be read'):
+        b.node._take(tmp_path / 'results', '', b.node._job())
+    assert not b.node.has_parameter('calibrated.l1')
 
 
-def test_recordings_of_a_collector_that_was_started_anew_go_together_and_stop_ends_the_session(bench, tmp_path):
-    bags = [tmp_path / name for name in ('a', 'b', 'c', 'd')]
+def test_the_recordings_are_those_named_or_the_last_that_was_announced(bench, tmp_path):
+    bags = [tmp_path / name for name in ('a', 'b')]
     for bag in bags:
         bag.mkdir()
     b = bench(Calibrator)
-    announced = b.node._announced
-
-    def say(topic: str, *paths: Path) -> None:
-        publisher = b.robot.create_publisher(String, f'/collector/{topic}', LATCHED)  # of another process each time
-        for path in map(str, paths):
-            publisher.publish(String(data=path))
-            b.wait(lambda path=path: path in (announced.chosen('last') if topic == 'recording' else announced._stopped))
-        b.robot.destroy_publisher(publisher)
-
-    say('recording', bags[0], bags[1])
-    say('recording', bags[2])
+    publisher = b.robot.create_publisher(String, '/collector/recording', LATCHED)
+    for bag in bags:
+        publisher.publish(String(data=str(bag)))
+        b.wait(lambda bag=bag: b.node._announced == str(bag))
     job = b.node._job()
-    assert job.recordings == [str(bags[1]), str(bags[2])]
-    assert job.output == f'{bags[2]}_calibration'
-    b.node.set_parameters([Parameter('announced', value='all'), Parameter('name', value='all_of_them')])
-    assert b.node._job().recordings == [str(bag) for bag in bags[:3]]
-    assert b.node._job().output == f'{bags[2]}_calibration/all_of_them'
-    b.node.set_parameters([Parameter('announced', value='session')])
-    say('stopped', bags[2])
-    say('recording', bags[3])
-    assert b.node._job().recordings == [str(bags[3])]
-    named = [Parameter('recordings', value=[str(bags[3]), '']), Parameter('recording', value=str(bags[0]))]
+    assert job.recordings == [str(bags[1])]
+    assert job.output == f'{bags[1]}_calibration'
+    named = [Parameter('recordings', value=[str(bags[1]), '']), Parameter('recording', value=str(bags[0]))]
     b.node.set_parameters(named)
-    assert b.node._job().recordings == [str(bags[0]), str(bags[3])]
+    assert b.node._job().recordings == [str(bags[0]), str(bags[1])]
 
 
 @pytest.mark.parametrize(
     ('argument', 'message'),
-    [
-        ('announced:=some', 'expected session, last, all'),
-        ('name:=../elsewhere', 'expected letters'),
-        ("leave_out:=['7-5']", 'expected a range'),
-        ('fixed:=[l1=long]', 'parameter fixed'),
-        ('calibration.rank:=12.5', 'calibration.rank'),
-    ],
+    [('calibrated.l1:=.nan', 'expected a finite number'), ('calibrated.l1:=long', 'calibrated.l1')],
 )
 def test_parameters_that_make_no_sense_are_refused(bench, argument, message):
     with pytest.raises((ParameterError, ParameterException), match=message):

@@ -85,8 +85,6 @@ def test_a_node_may_do_what_it_does_and_nothing_else(spin, name):
     has = {rule: {topic for topic, _ in ask(node, name, '/left')} for rule, ask in RULES.items()}
     if name in ('collector', 'contour_tracker', 'touch_runner', 'compensator') and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')
-    if name == 'compensator' and TFMessage is None:
-        has['topics', 'publish'].add('/tf')
     assert allowed('nodes.policy.xml', name, '/left') == has
     plain = {rule: {re.sub('^/left/', '/', topic) for topic in topics} for rule, topics in has.items()}
     assert allowed('nodes.policy.xml', name) == plain
@@ -108,6 +106,6 @@ def test_the_operator_may_call_and_hear_what_there_is(namespace):
     operator = allowed('operator.policy.xml', '_ros2cli', namespace)
     assert operator['services', 'request'] == set().union(*(node['services', 'reply'] for node in nodes))
     assert operator['topics', 'subscribe'] <= set().union(*(node['topics', 'publish'] for node in nodes))
-    wanted = {f'{namespace}/compensator/{name}' for name in ('compensate', 'target_pose', 'target_wrench')}
-    assert operator['topics', 'publish'] == {'/parameter_events', '/rosout', *wanted}
+    wanted = f'{namespace}/compensator/compensate'
+    assert operator['topics', 'publish'] == {'/parameter_events', '/rosout', wanted}
     assert all(name.startswith('/_ros2cli*/') for name in operator['services', 'reply'])

@@ -6,7 +6,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 
 from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import CellError, ParameterError
-from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, UNITS
 from scara_kinetostatic.nodes.cell_node import PARAMETERS
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
@@ -14,7 +14,6 @@ from scara_kinetostatic.report.markers import Scales
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.simulation.commanded import Fault, PlantSettings
 from scara_kinetostatic.simulation.mujoco import SCENES
-from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD
 from scara_kinetostatic.simulation.plan_file import load_slides
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot
@@ -70,7 +69,6 @@ def test_stated_defaults_and_ranges_are_those_of_what_they_set():
         'overload': drives.overload,
     }
     assert {name: stated[name]['default'] for name in expected} == expected
-    assert stated['preload']['range'] == [0, LARGEST_PRELOAD]
     assert ', '.join(SCENES) in stated['scene']['meaning']
     assert ', '.join(fault.value for fault in Fault if fault.value) in stated['fault']['meaning']
     assert {name.removeprefix('truth.') for name in stated if name.startswith('truth.')} == set(UNITS)
@@ -87,13 +85,6 @@ def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper():
     assert deviating_robot(longer).x0 == pytest.approx(PAPER_ACTUAL.x0)
 
 
-def test_frame_and_sign_can_be_other_than_the_cell_says_and_every_other_touch_pressed_beyond_its_hold(spin):
-    simulator = spin(ContactSimulator, frame='tool', sign='on_robot', preload=0.3)
-    assert np.mean(simulator._plan.preload == 0.3) == 0.5
-    assert simulator._cell.sensor.frame is SensorFrame.TOOL
-    assert simulator._cell.sensor.sign is SensorSign.ON_ROBOT
-
-
 def test_effects_are_played(spin):
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
     node = spin(ContactSimulator, '-p', f'effects:={texts}')
@@ -102,23 +93,15 @@ def test_effects_are_played(spin):
     assert node._truth.parameters == PAPER_ACTUAL
 
 
-def test_a_plan_says_all_about_the_touches(spin, tmp_path):
-    plan = tmp_path / 'plan.yaml'
-    plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
-    with pytest.raises(ParameterError, match='parameter preload: a plan defines all touches'):
-        spin(ContactSimulator, preload=0.3, plan=plan)
-
-
 @pytest.mark.parametrize(
     ('argument', 'error', 'message'),
     [
-        ('sign:=backwards', ParameterError, 'parameter sign: expected on_object, on_robot'),
-        ('time_factor:=2', ParameterError, 'parameter time_factor: expected a number with a decimal point'),
+        ('fault:=nonsense', ParameterError, 'parameter fault: expected does_not_follow, moved'),
+        ('time_factor:=2', ParameterError, 'parameter time_factor'),
         ('truth.l1:=.nan', ParameterError, 'parameter truth.l1'),
-        ('preload:=30.0', ParameterError, 'parameter preload'),
         ("effects:=['gravity:g=9.81']", ParameterError, "effect 'gravity': no such effect"),
         ("effects:=['sensor_bias:x=1']", ParameterError, 'expected x, y once each'),
-        ('effects:=gravity', ParameterError, 'parameter effects: expected a list of strings'),
+        ('effects:=gravity', ParameterError, 'parameter effects'),
         ('cell:=/no/such/cell.yaml', CellError, '/no/such/cell.yaml'),
     ],
 )

@@ -17,8 +17,6 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nodes.waiting import WAIT, eventually, trigger
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
@@ -30,7 +28,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from benchmark.cell_nodes import DemoClient, NodeProcesses
-from scara_kinetostatic.errors import CellError, InputError
+from scara_kinetostatic.errors import CellError, InputError, OutputError
 from scara_kinetostatic.nodes import touch_runner
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.nodes.touch_runner import TouchRunner
@@ -182,11 +180,8 @@ def test_without_control_msgs_an_action_is_refused(spin, cell):
         spin(TouchRunner, cell=cell, action='arm/follow')
 
 
-RESULT = SimpleNamespace(
-    SUCCESSFUL=0, INVALID_GOAL=-1, INVALID_JOINTS=-2, OLD_HEADER_TIMESTAMP=-3, PATH_TOLERANCE_VIOLATED=-4,
-    GOAL_TOLERANCE_VIOLATED=-5,
-)  # fmt: skip
-"""The error codes of FollowJointTrajectory: control_msgs is not needed here."""
+RESULT = SimpleNamespace(INVALID_GOAL=-1, GOAL_TOLERANCE_VIOLATED=-5)
+"""Error codes of FollowJointTrajectory: control_msgs is not needed here."""
 
 
 TOLERANCE = 'Aborted due to path tolerance violation'
@@ -212,7 +207,7 @@ class StandIn:
     def server_is_ready(self) -> bool:
         return True
 
-    def send_goal_async(self, goal: SimpleNamespace, feedback_callback: Callable[..., None]) -> Future:
+    def send_goal_async(self, goal: SimpleNamespace) -> Future:
         code = self.answers[min(len(self.goals), len(self.answers) - 1)]
         self.goals.append(goal.trajectory)
         answer, ended = Future(), Future()
@@ -248,14 +243,14 @@ def test_who_publishes_trajectories_beside_an_action_is_refused(spin, client, ac
     ('answers', 'why', 'phase', 'says'),
     [
         ((None,), '', 'stopped', 'the controller rejects a trajectory'),
-        ((0, -4), TOLERANCE, 'stopped', f'(PATH_TOLERANCE_VIOLATED, -4): {TOLERANCE} (in travel)'),
-        ((0, -5, 0), '', 'waiting', '(GOAL_TOLERANCE_VIOLATED, -5)'),
-        ((0, -1, None), STOPPED, 'waiting', f'(INVALID_GOAL, -1): {STOPPED} (in travel); waiting for 30 s at most'),
+        ((0, -4), TOLERANCE, 'stopped', f'(error code -4): {TOLERANCE} (in travel)'),
+        ((0, -5, 0), '', 'waiting', '(error code -5)'),
+        ((0, -1, None), STOPPED, 'waiting', f'(error code -1): {STOPPED} (in travel); waiting for 30 s at most'),
         (
             (0, -1, 0),
             STOPPED,
             'judge',
-            f'going on after: the controller aborts a trajectory (INVALID_GOAL, -1): {STOPPED}',
+            f'going on after: the controller aborts a trajectory (error code -1): {STOPPED}',
         ),
         ((0, -1, 0), PREEMPTED, 'stopped', f'{PREEMPTED}: somebody else commands the robot'),
     ],
@@ -279,9 +274,7 @@ def test_an_action_server_is_commanded_and_may_refuse(spin, client, monkeypatch,
 STANDS = [0.5, 1.0]
 
 
-def standing(
-    node: Node, client: DemoClient, stamps: float = 0.0
-) -> tuple[Callable[[], list[tuple[str, str]]], Callable[[], bool]]:
+def standing(node: Node, client: DemoClient) -> tuple[Callable[[], list[tuple[str, str]]], Callable[[], bool]]:
     """A robot that stands, whatever is commanded: what the runner has said, and what gives the next samples."""
     states = client._node.create_publisher(JointState, '/joint_states', 10)
     wrenches = client._node.create_publisher(WrenchStamped, '/wrench', 10)
@@ -295,7 +288,7 @@ def standing(
         nonlocal now
         now += 0.004
         clock.publish(Clock(clock=Time(seconds=now).to_msg()))
-        stamp = Time(seconds=now + stamps).to_msg()
+        stamp = Time(seconds=now).to_msg()
         states.publish(JointState(header=Header(stamp=stamp), name=['joint1', 'joint2'], position=STANDS))
         wrenches.publish(WrenchStamped(header=Header(stamp=stamp, frame_id='base_link')))
         status = node._runner.status
@@ -319,12 +312,19 @@ def by_clock(spin: Callable[..., Node], client: DemoClient, cell: Path, tmp_path
     return node, sent
 
 
-def test_stamps_of_another_clock_are_refused_before_anything_moves(by_clock, client):
-    node, sent = by_clock
-    said, stand = standing(node, client, stamps=1000.0)
-    client.wait('the refusal', lambda: stand() and node._runner.is_over, WAIT)
-    assert 'stamps of another clock, -1000 s apart from that of this node: set use_sim_time' in said()[-1][1]
-    assert not sent
+def test_a_recording_that_fails_ends_the_run(by_clock):
+    """Also where that shows as the touch is judged."""
+    node, _ = by_clock
+    closed: list[bool] = []
+
+    def full() -> None:
+        raise OutputError('/bags', 'no space left on the device')
+
+    node._session = SimpleNamespace(poll=full, abandon=lambda: closed.append(True))
+    node._runner._script, node._is_running, node._zero = (node._detect() for _ in range(1)), True, None
+    node._runner.tick(1.0)
+    assert node._runner.end.reason == 'the recording failed: /bags: no space left on the device (in idle)'
+    assert closed and node._session is None
 
 
 def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(by_clock, client):
@@ -390,26 +390,3 @@ def test_the_sensor_is_zeroed_before_the_run(spin, client, zeroed, tmp_path, ans
     expected = '/joint_states is silent' if answer else failed
     client.wait('the answer', lambda: expected in node._runner.status.text, WAIT)
     assert calls == [True]
-
-
-def test_a_controller_of_other_joints_is_refused(spin, client, cell, tmp_path):
-    topic, moved = '/arm/joint_trajectory', ['joint1', 'joint2', 'joint4']
-
-    def joints(request: GetParameters.Request, response: GetParameters.Response) -> GetParameters.Response:
-        assert request.names == ['joints', 'allow_partial_joints_goal']
-        names = ParameterValue(type=9, string_array_value=moved)
-        response.values = [names, ParameterValue(type=1, bool_value=False)]
-        return response
-
-    service = client._node.create_service(GetParameters, '/arm/get_parameters', joints)
-    client._node.create_subscription(JointTrajectory, topic, lambda _: None, 10)
-    node = spin(TouchRunner, '-r', f'joint_trajectory:={topic}', cell=cell, output=tmp_path / 'out')
-    client.wait('the joints', lambda: not node._controller.absence() and 'joint4' in node._hearing(), WAIT)
-    answer = trigger(client, '/touch_runner/start')
-    expected = f'the controller of {topic} moves joint1 joint2 joint4, the cell names joint1 joint2: correct robot'
-    assert answer.message.startswith(expected)
-    client._node.destroy_service(service)  # another controller takes its place, and is asked anew
-    assert eventually(lambda: not node._hearing())
-    moved[2:] = []
-    client._node.create_service(GetParameters, '/arm/get_parameters', joints)
-    client.wait('the answer', lambda: not node._hearing() and node._controller._asked is not None, WAIT)

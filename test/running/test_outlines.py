@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from running.test_runner import CELL, LIFT, TRUTH, rehearsal
+from running.test_runner import CELL, TRUTH, rehearsal
 
 from scara_kinetostatic.model.cell import Disc, EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.outline import Outline
@@ -14,8 +13,6 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Space
-from scara_kinetostatic.running.campaign import Campaign, Target
-from scara_kinetostatic.simulation.plan import Plan
 
 BLOCK = Outline('block', ((-0.02, 0.30), (0.08, 0.30), (0.08, 0.40), (-0.02, 0.40)), 0.002)
 NONE_ELSE = Uncertainty(effects=EffectSizes(SizeMode.NONE))
@@ -47,14 +44,3 @@ def test_a_run_at_a_block_reaches_its_tolerance():
     std = np.array([outcome[name].std for name in NAMES])
     off = np.array([outcome[name].value for name in NAMES]) - TRUTH.as_array()
     assert np.abs(off / std).max() < 4.5
-
-
-def test_a_touch_at_the_end_of_an_open_edge_is_not_moved_to_its_other_end():
-    edge = Outline('edge', ((-0.1, 0.45), (0.3, 0.45)), is_open=True)
-    cell = replace(WITH_BLOCK, discs=(WITH_BLOCK.discs[0], edge), lift=LIFT)
-    campaign = Campaign(cell, 50, None, lambda *_: pytest.fail('nothing to calibrate'))
-    target = Target(Plan([1], [6.2], [1], [30.0]), 'sharpens x0', 1)
-    assert campaign.reject(target) == 'again, moved aside'
-    chosen = campaign.choose(np.array([0.4, 1.2]))
-    assert isinstance(chosen, tuple)
-    assert 6.0 < chosen[0].plan.angle[0] < 6.2

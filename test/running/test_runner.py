@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from concurrent.futures import Future
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -303,9 +303,10 @@ def test_a_force_above_the_largest_one():
 def test_pause_start_and_stop():
     one = rehearsal()
     until_phase(one, 'travel', 0.2)
+    made = one.runner.campaign.accepted
     one.runner.pause()
-    one.run(longest=0.5)
-    assert one.runner.status.phase == 'paused'
+    until_phase(one, 'paused')
+    assert one.runner.campaign.accepted == made + 1, 'the touch under way'
     before = one.runner.senses.joints
     one.run(longest=2.0)
     assert np.abs(one.runner.senses.joints - before).max() < 1e-4
@@ -353,6 +354,16 @@ def test_a_busy_machine_does_not_begin_without_a_force():
     commands = [one.step() for _ in range(150)]
     assert not any(commands)
     assert one.runner.status.text == '/wrench is silent (in idle)'
+
+
+def test_a_process_that_was_killed_while_it_calibrates_ends_the_run():
+    one, killed = rehearsal(), Future()
+    until_phase(one, 'travel')
+    killed.set_exception(BrokenExecutor('the process was terminated'))
+    one.runner.campaign._job = killed
+    one.run(lambda at: at.runner.is_over, 60.0)
+    assert (one.runner.end.status, one.runner.status.is_fault) == (3, True)
+    assert one.runner.end.reason.startswith('the process was terminated (in ')
 
 
 def test_a_robot_that_stands_at_an_object_is_refused():
@@ -677,7 +688,7 @@ def move_while_it_waits(one: Rehearsal, by: float, fault: Fault = Fault.SILENT_W
 
 @pytest.mark.parametrize(('phase', 'by'), [('plan', 0.03), ('travel', 0.1), ('paused', 0.03)])
 def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase, by):
-    """On its way, in a pause, or where it has none."""
+    """On its way, or between two touches."""
     one = rehearsal(patience=10.0)
     if phase == 'plan':
         one.runner.campaign.choose = lambda *_: None  # as while a calibration is made
@@ -688,7 +699,7 @@ def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase, by):
         one.runner.pause()
         until_phase(one, 'paused')
     move_while_it_waits(one, by, Fault.SILENT_JOINTS if phase == 'paused' else Fault.SILENT_WRENCH)
-    assert (one.runner._motion is None) == (phase == 'plan')
+    assert (one.runner._motion is None) == (phase != 'travel')
     vars(one.runner.campaign).pop('choose', None)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
@@ -764,16 +775,15 @@ def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back():
     one = rehearsal()
     until_phase(one, 'travel', 0.4)
     one.runner.pause()
-    one.run(longest=0.5)
-    motion = one.runner._motion
-    ahead = motion.track.place(motion.at + 0.12 * motion.speed)
-    one.plant.command(one.plant.names, [1.0], [ahead[:2].tolist()])
+    until_phase(one, 'paused')
+    here = one.plant._position[:2]
+    one.plant.command(one.plant.names, [1.0], [[here[0], here[1] + 0.1]])
     one.run(longest=2.0)
     moved = one.plant._position[:2]
     one.runner.start()
     one.run(longest=0.3)
     assert one.plant._position[:2] == pytest.approx(moved, abs=1e-3)
-    assert 'does not follow' in one.runner.status.text
+    assert 'moved by something else' in one.runner.status.text
 
 
 def test_a_retract_ends_half_a_millimetre_beside_its_place():
