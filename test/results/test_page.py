@@ -106,14 +106,13 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     assert 'The base model explains these touches. No model error detected (p = ' in text
     assert 'Effects that these touches cannot identify' in text
     assert 'bending of link 2 is always part of p2' in text
-    assert 'Candidate effects' not in text
     assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
     compared = nasty.comparison
     assert f'{1e6 * compared.nominal_tip:.0f} → {1e6 * compared.extended.tip.held_out:.3g} µm' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
     assert nasty.warnings[0] in text
-    assert page.count('<svg') == 2 + 4
+    assert page.count('<svg') == 2 + 2
     assert 'residuals.csv has all touches' in text
 
 
@@ -135,21 +134,16 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
         cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', micrometres(side.tip.fitted))
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
     assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
-    assert page.count('<svg') == 2 + 1 + 4
-    assert re.search(r'<tr class="good"><td>[^<]* has another radius', page)
-    assert '>rejected<' in page
-    (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
-    assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
+    assert page.count('<svg') == 2 + 1 + 2
+    assert 'Ignoring it would bias l2 by ' in text
 
 
 def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
-    page, text = extended_pages['ambiguous'], words_of(extended_pages['ambiguous'])
+    text = words_of(extended_pages['ambiguous'])
     assert 'these data cannot distinguish its possible causes' in text
     assert 'The twelve parameters are valid whichever is present' in text
     assert text.count('one of several possible causes') == 2
     assert 'Possible causes: the force sensor is rotated about its axis or' in text
-    assert page.count('>rival<') == 2
-    assert page.count('>found<') == 0
 
 
 def test_of_a_scatter_it_is_said_that_nothing_predicts_it(grown: Outcome) -> None:
@@ -188,7 +182,7 @@ def test_what_is_folded_is_open_on_paper(page: str) -> None:
 
 def test_the_answer_comes_first_and_the_appendix_last(page: str) -> None:
     parts = ['class="head"', 'class="verdict', 'class="facts"', '>Parameters<', '>Uncertainty of the tip<']
-    parts += ['>Deviation', '>Diagnosis<', '>Appendix<', '>Identifiability', '>Touches: ']
+    parts += ['>Diagnosis<', '>Appendix<', '>Identifiability', '>Touches: ']
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
 
