@@ -36,7 +36,7 @@ from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
-from scara_kinetostatic.touches.streams import INTERLEAVED, WrenchFrame, is_interleaved
+from scara_kinetostatic.touches.streams import WrenchFrame
 
 try:
     from tf2_msgs.msg import TFMessage as TFMessage
@@ -77,14 +77,13 @@ class StreamMonitor:
 
     Args:
         topic: its full name.
-        with_joints: whether it carries joint angles, in which two robots can be seen.
 
     Attributes:
         topic: its full name.
         publishers: full names of the nodes that publish it, one for each publisher.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
-        parts: messages so far that gave no sample yet, as joint states that come in parts.
+        parts: messages so far that gave no sample, as joint states of other joints alone.
         lost: messages so far that were published but not received.
         refusal: why the last message could not be used; empty where it could.
         has_moved: whether because a joint that is to be held is elsewhere.
@@ -92,23 +91,20 @@ class StreamMonitor:
             joint states on one topic, good and unusable ones alternate.
     """
 
-    def __init__(self, topic: str, with_joints: bool = False) -> None:
+    def __init__(self, topic: str) -> None:
         self.topic, self.problem = topic, ''
         self.publishers: list[str] = []
         self.count = self.unusable = self.parts = self.lost = 0
-        self._with_joints, self._values = with_joints, list[tuple[float, float]]()
-        self.refusal, self.has_moved, self._mixed = '', False, ''
+        self.refusal, self.has_moved = '', False
         self._stamp, self._stamped, self._constant = -1, monotonic(), False
         self._number = 0
         self._retry: Timer | None = None
         self._reported, self._others, self._parted = (monotonic(), 0, 0, 0, 0), 0, 0
 
-    def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Notes a usable message with its stamp, ns, and its numbers."""
+    def accept(self, stamp: int) -> None:
+        """Notes a usable message with its stamp, ns."""
         self.count += 1
         self.refusal, self.has_moved = '', False
-        if self._with_joints and len(self._values) < 5000:  # between two reports
-            self._values.append(values)
         now = monotonic()
         if stamp != self._stamp:
             self._stamp, self._stamped = stamp, now
@@ -153,8 +149,6 @@ class StreamMonitor:
             self.problem = constant if self._constant else ''
         elif self._others:
             self.problem = self.refusal
-        self._mixed = INTERLEAVED if is_interleaved(np.array(self._values).reshape(-1, 2)) else ''
-        self._values.clear()
         problems = [self.problem or ('no messages' if expected and not count else '')]
         if lost:
             problems.append(f'{lost} messages lost on the way; this machine or the network is too busy')
@@ -169,12 +163,10 @@ class StreamMonitor:
         return [*complaints, self.mixture()], {f'{self.topic}: {name}': value for name, value in values.items()}
 
     def mixture(self) -> str:
-        """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
+        """That messages of several robots mix, by the publishers; empty if they do not.
 
         A publisher whose messages cannot be used, of other joints, is no trouble, nor are several with parts.
         """
-        if self._mixed:
-            return f'{self.topic}: {self._mixed}'
         parted = self._parted or self.parts > self._reported[-1]
         if parted or len(self.publishers) <= (2 if self._others else 1):
             return ''
@@ -316,7 +308,7 @@ class CellStreams:
         self._joints = JointReader(cell.joint_names, cell.other_joints)
         self.frame = FrameCheck(node, cell, turned)
         self.monitors = {
-            stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
+            stream: StreamMonitor(node.resolve_topic_name(topic))
             for stream, topic in zip(Stream, cell.sensor[:2], strict=True)
         }
 
@@ -356,14 +348,14 @@ class CellStreams:
             monitor.refuse(str(error))
             return None
         if sample is None:
-            monitor.note_part(self._joints.parts.awaited)
+            monitor.note_part(' and '.join(self._cell.joint_names))
             return None
         if sample.others and (moved := self._cell.moved_joint(np.array(sample.others))):
             if not self._judges:
                 monitor.refuse(moved, has_moved=True)
                 return None
             self._moved = moved
-        monitor.accept(sample.stamp_ns, sample[1:3])
+        monitor.accept(sample.stamp_ns)
         return sample
 
     @property

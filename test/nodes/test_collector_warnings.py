@@ -127,7 +127,7 @@ def test_a_problem_is_logged_once_when_it_lasts():
 
 
 def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():
-    monitor = StreamMonitor('/joint_states', with_joints=True)
+    monitor = StreamMonitor('/joint_states')
     monitor.publishers = ['/a/driver']
     assert monitor.mixture() == ''
     monitor.publishers.append('/b/driver')
@@ -141,7 +141,7 @@ def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():
 
 
 def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named():
-    monitor = StreamMonitor('/joint_states', with_joints=True)
+    monitor = StreamMonitor('/joint_states')
     monitor.publishers = ['/shoulder', '/elbow', '/gripper']
     for number in range(50):
         monitor.note_part('joint2')
@@ -166,15 +166,3 @@ def test_a_held_joint_that_has_moved_is_known_until_a_message_can_be_used():
     assert (monitor.refusal, monitor.has_moved) == ('', False)
     monitor.note_part('joint2')
     assert (monitor.refusal, monitor.has_moved) == ('nothing yet of joint2', False)
-
-
-def test_two_robots_by_way_of_one_publisher_are_seen():
-    monitor = StreamMonitor('/joint_states', with_joints=True)
-    for number in range(200):
-        monitor.accept(number, (0.1 + 0.5 * (number % 2), 0.3))
-    monitor.report()
-    assert 'two robots on one topic' in monitor.mixture()
-    for number in range(200):
-        monitor.accept(number, (0.1 + 0.001 * number, 0.3))
-    monitor.report()
-    assert monitor.mixture() == ''

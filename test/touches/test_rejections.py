@@ -202,6 +202,15 @@ def test_saturated_axis(axis):
     assert f'f{"xy"[axis]} = ' in detection.rejected[-1].reason
 
 
+def test_no_touch_is_the_mean_of_two_robots_on_one_topic():
+    streams = Scene().touches(6).streams()
+    streams.joints.position[1::2] += 0.005
+    detection = find_touches(streams, CELL)
+    assert detection.found == 6
+    assert len(detection.touches) == 0
+    assert 'messages of two robots on one topic?' in detection.rejected[0].reason
+
+
 def test_no_contact_at_all():
     scene = Scene().go((0.1, 0.8), 1.0).go((1.0, 1.8), 2.0)
     detection = find_touches(scene.streams(), CELL)
