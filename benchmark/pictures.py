@@ -41,7 +41,6 @@ from scara_kinetostatic.report.markers import (
     object_markers,
     result_markers,
     touch_markers,
-    uncertainty_markers,
 )
 from scara_kinetostatic.results import figures
 from scara_kinetostatic.results.calibration_json import as_document
@@ -112,7 +111,6 @@ def markers() -> Markup:
             *result_markers(document, cell.discs, scales),
             *arm_markers('nominal', cell.nominal, pose, NOMINAL_COLOUR),
             *arm_markers('calibrated', parameters, pose, CALIBRATED_COLOUR),
-            *uncertainty_markers(document, pose, scales),
         ]
     )
 

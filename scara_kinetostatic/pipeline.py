@@ -231,7 +231,6 @@ def calibrate_touches(
         found=detection.found,
         rejected=tuple(rejected[index] for index in sorted(rejected)),
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
-        first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,
         check=check,
         sources=tuple(map(str, sources)),

@@ -16,7 +16,6 @@ from scara_kinetostatic.model.touch import TouchSet, torques_of
 from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
-from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import LoadMemory, nested_extremes
 from scara_kinetostatic.touches.online import OnlineDetector
@@ -185,22 +184,6 @@ def test_few_turns_of_many_touches():
     plan = default_plan(CELL, per_disc=30, preload=0.3)
     streams = simulate_streams(CELL, PAPER_MEASURED, plan, sensors=SensorModel(joint_rate=40, wrench_rate=50))
     assert find_touches(streams, CELL).touches.history.shape[1] <= 24
-
-
-def test_a_bound_drops_what_small_plays_alone_remember(monkeypatch):
-    scene = Scene()
-    for number in range(24):  # ever smaller loads of alternate sense
-        scene.touch(*((0, 60) if number % 2 else (0, -60)), 40.0 - 1.5 * number, hold=0.25)
-    streams = scene.streams(rates=(40.0, 50.0))
-    whole = find_touches(streams, CELL)
-    monkeypatch.setattr(load_history, 'MOST_TURNS', 12)
-    bounded = find_touches(streams, CELL)
-    assert max(len(memory.turns) for memory in whole.memories) > 20
-    assert max(len(memory.turns) for memory in bounded.memories) == 12
-    off = np.abs(remembered(CELL, bounded.touches) - remembered(CELL, whole.touches))
-    swing = np.ptp(torques_of(CELL.nominal, whole.touches.history[-1, 10:]), axis=0)
-    assert off.max() > 0.1
-    assert off[..., swing.max() < 2.0 * WIDTHS].max() == 0.0
 
 
 def test_online_history_is_that_of_the_whole_recording(cell=TOOL_REACTION):
