@@ -26,7 +26,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import SizeMode
-from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
+from scara_kinetostatic.model.parameters import NAMES, UNITS, displacement
 
 _RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
 _ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
@@ -76,16 +76,6 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
             action += ', and `robot.moments` where known'
             yield Remark(Grade.UNFIT, f'with gravity along {axis} {errors}: the arm stands upright', action)
             return
-
-
-def upside_down(evidence: Evidence) -> Iterator[Remark]:
-    """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
-    c, p = evidence.final, evidence.final.parameters
-    names = [name for name in MOMENTS if name in p.names and getattr(p, name) < -Limits.negative * c.std_of(name)]
-    if names:
-        reason = f'{" and ".join(names)} negative: gravity is stated upside down, or counterweights outweigh the arm'
-        action = 'check the sign of `gravity` in the cell description: its direction of fall, base frame'
-        yield Remark(Grade.CAUTION, reason, action)
 
 
 def undetermined(evidence: Evidence) -> Iterator[Remark]:
@@ -157,7 +147,7 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
         covered = 'contain it as undetected effects only' if c.has_undetected else 'do not cover its bias'
         reason = f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
         reason += f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated '
-        action = 'look in the report at what the residuals depend on, mend it, and record again'
+        action = 'see `remaining_dependences` in calibration.json for what it depends on, mend it, and record again'
         yield Remark(Grade.CAUTION if size <= limit else Grade.UNFIT, f'{reason}uncertainties {covered}', action)
     elif curves:
         reason = f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description})'
@@ -373,7 +363,7 @@ def to_discriminate(d: Diagnosis) -> str:
 
 
 CRITERIA = (
-    *(mistaken, negative, forgotten_gravity, upside_down, undetermined, rejections.rejected, checked),
+    *(mistaken, negative, forgotten_gravity, undetermined, rejections.rejected, checked),
     *(unexplained, ambiguous, shifted, noise, rejections.unusable, large_backlash, conformity, alike),
 )
 """In the order in which equally grave reasons are given."""

@@ -12,7 +12,6 @@ from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.report import (
     Block,
     Fact,
@@ -27,7 +26,7 @@ from scara_kinetostatic.report import (
     as_text,
     sentence,
 )
-from scara_kinetostatic.report.quantities import chance, count, micrometres, p_equals
+from scara_kinetostatic.report.quantities import count, micrometres, p_equals
 from scara_kinetostatic.results import messages
 
 NAME = 'report.html'
@@ -86,7 +85,7 @@ def html_text(outcome: Outcome) -> str:
             _diagnosis(outcome),
             Section('Appendix', ()),  # what the result rests on, folded; what the touches show of the effects is open
             *([_effects(outcome)] if extended else []),
-            *_present([_budget(outcome), _errors(outcome), _limits(outcome, extended)]),
+            *_present([_budget(outcome), _errors(outcome), _limits(outcome)]),
             _noise(outcome),
             *_pictures(outcome),
             _touches(outcome),
@@ -174,22 +173,8 @@ def _map(outcome: Outcome) -> Section | None:
 def _diagnosis(outcome: Outcome) -> Section:
     d = outcome.diagnosis
     blocks: list[Block] = [messages.verdict(outcome)]
-    if d.verdict == 'none':
-        tested = f'{len(catalogue(outcome.calibration.cell))} physical effects{", one at a time," * bool(d.ranking)}'
-        depends = 'joint angles, torques, size and direction of the force, the discs and the places on them'
-        more = f'smooth dependences of the residual on {depends}, the direction of approach, and time'
-        blocks.append(Note(f'Tested: {tested} and {more}.'))
     if outcome.final is not outcome.calibration:
-        for table, item in zip(messages.effect_tables(d.found), d.found, strict=True):
-            blocks.append(table._replace(title=table.title.strip()))
-            if item.effect.off_normal_std:
-                off_normal = (
-                    'The force of each touch is off the normal by an angle of its own, which no model predicts: the '
-                    'extended model includes this scatter in the weights, it does not remove it. Where it predicts a '
-                    'force, the angle is taken from the measured one, so that its force error is the part along the '
-                    'force.'
-                )
-                blocks.append(Note(off_normal))
+        blocks += [table._replace(title=table.title.strip()) for table in messages.effect_tables(d.found)]
         these = 'this effect' if len(d.found) == 1 else 'these effects'
         adequate = f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”.'
         blocks.append(f'{adequate} {sentence(messages.bias(outcome))}')
@@ -238,23 +223,14 @@ def _errors(outcome: Outcome) -> Section:
     return Section('Errors of the models', (messages.error_table(outcome.comparison), note), folded=True)
 
 
-def _limits(outcome: Outcome, extended: bool) -> Section:
-    """What a residual depends on, the most significant first; the physical effects that these touches cannot show."""
-    d, most = outcome.diagnosis, 8
-    depends = d.remaining if extended else d.dependences
-    blocks: list[Block] = []
-    if depends:
-        rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in depends[:most]]
-        if len(depends) > most:
-            rows.append((f'and {len(depends) - most} more, in calibration.json', '', ''))
-        table = Table(('the residual depends on', 'p-value', 'share'), ('',) * 3, tuple(rows))
-        blocks += [*(['Residual of the extended model:'] if extended else []), table]
-    effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
-    if effects:
-        cells = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
-        table = Table(('effect', 'confounded with', 'identified by'), ('',) * 3, cells)
-        blocks += [f'Effects that these touches cannot identify: {len(effects)}', table]
-    return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)
+def _limits(outcome: Outcome) -> Section | None:
+    """The physical effects that these touches cannot show."""
+    ranking = outcome.diagnosis.ranking
+    effects = [item.effect for item in ranking if item.role == 'unidentifiable' and item.effect.is_physical]
+    cells = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
+    table = Table(('effect', 'confounded with', 'identified by'), ('',) * 3, cells)
+    title = f'Effects that these touches cannot identify: {len(effects)}'
+    return Section(title, (table,), folded=True) if effects else None
 
 
 def _noise(outcome: Outcome) -> Section:
