@@ -6,14 +6,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
 from scara_kinetostatic.assessment.evidence import leverages
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
-from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
+from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -79,7 +78,7 @@ def test_one_force_level_and_one_posture_are_an_extrapolation() -> None:
 
 def test_only_poses_within_the_limits_count() -> None:
     cell = replace(PAPER_CELL, region=Region(-0.35, 0.35, 0.2, 0.55), limits=((-0.5, 2.0), (-2.2, 2.2)))
-    plan = default_plan(cell, 30)
+    plan = default_plan(cell, 16)
     outcome = calibrate_touches(touch(plan, cell), cell)
     left, right = np.round(100 * np.array(outcome.tip_uncertainty.alone))
     sentence = f'Within robot.limits {left:.0f} % of the places of the region that the arm can take need the elbow left'
@@ -87,7 +86,7 @@ def test_only_poses_within_the_limits_count() -> None:
     found = calibrate_touches(touch(plan.select(plan.posture < 0), cell), cell).assessment
     assert any('and 7' in text and '% of the places of the region that the arm can' in text for text in found.reasons)
     other = replace(cell, limits=((-0.5, 2.0), (0.0, 2.2)))
-    found = calibrate_touches(touch(default_plan(other, 30), other), other).assessment
+    found = calibrate_touches(touch(default_plan(other, 16), other), other).assessment
     assert not any('elbow' in text for text in (*found.reasons, *found.actions))
 
 
@@ -150,17 +149,3 @@ def test_the_gravest_reason_comes_first() -> None:
     found = Assessment.of(remarks, ['note'])
     assert (found.grade, found.reasons, found.actions) == (Grade.UNFIT, ('a', 'b', 'c', 'note'), ('y', 'x'))
     assert found.headline == 'unfit: a'
-
-
-@pytest.mark.parametrize(
-    ('value', 'unit', 'text'), [(9.43e-4, 'm', '943 µm'), (-1.2e-5, 'm/N', '-12 µm/N'), (3.14e-3, 'm', '3.1 mm')]
-)
-def test_quantities(value: float, unit: str, text: str) -> None:
-    assert quantity(value, unit) == text
-
-
-def test_effects_of_the_cell_description_say_what_to_correct() -> None:
-    position, radius = ObjectPosition.of(1, 'disc_2'), ObjectRadius.of(0, 'disc_1')
-    found = position.correction({'x': 7.5e-5, 'y': -3.8e-5})
-    assert found == 'measure disc_2 again: it stands 75 µm further in x, 38 µm less in y'
-    assert radius.correction({'radius': -6e-5}) == 'measure the radius of disc_1 again: it is 60 µm smaller'

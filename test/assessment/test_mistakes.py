@@ -82,14 +82,12 @@ OF_TOUCHES = {
     'joint 1 turns the other way': (lambda q: q * [-1, 1], None),
     'joint 2 turns the other way': (lambda q: q * [1, -1], None),
     'both joints turn the other way': (lambda q: -q, None),
-    'the angles of joint 1 and joint 2 are in degrees, not in rad': (np.rad2deg, None),
     'the angles of joint 2 are in degrees': (lambda q: q * [1, 180 / np.pi], None),
     'x and y of the force are swapped': (None, lambda f: f[:, ::-1]),
     'y of the force has the wrong sign': (None, lambda f: f * [1, -1]),
     'the sign of the force is wrong': (None, lambda f: -f),
     'the axes of the force sensor are turned by 90°': (None, lambda f: np.stack([f[:, 1], -f[:, 0]], axis=1)),
     'the forces are in kN, not in N': (None, lambda f: 1e-3 * f),
-    'the forces are in mN, not in N': (None, lambda f: 1e3 * f),
 }
 
 
