@@ -558,18 +558,11 @@ def _in_one_line(facts: Mapping[str, Any]) -> str:
         ': '.join([facts['assessment'], *facts['reasons'][:1]]),
         *facts['actions'][:1],
         f'{facts["touches.used"]} of {facts["touches.found"]} touches used',
-        f'force error {facts["force_error.nominal"]:.4g} N before, {facts["force_error.calibrated"]:.4g} N after',
-        f'reduced chi-square {facts["reduced_chi_square.calibrated"]:.3g}',
+        f'force error {facts["force_error.nominal"]:.4g} N before, '
+        f'{facts["held_out_force_error.extended"]:.4g} N after, on touches not used',
         *(f'confounded: {group}' for group in facts['confounded']),
         f'missing effects: {", ".join([facts["verdict"], *effects])}',
     ]
-    if effects:
-        held_out = facts['held_out_force_error.calibrated'], facts['held_out_force_error.extended']
-        parts.append(
-            f'with them {facts["force_error.extended"]:.4g} N, '
-            f'reduced chi-square {facts["reduced_chi_square.extended"]:.3g}, '
-            f'on touches not used {held_out[0]:.4g} N before, {held_out[1]:.4g} N after'
-        )
     if warnings := facts['warnings']:
         more = [f'{len(warnings) - 3} more'] if len(warnings) > 3 else []
         parts.append(f'warnings: {"; ".join([*warnings[:3], *more])}')
