@@ -24,7 +24,6 @@ from benchmark.marker_picture import marker_picture
 from benchmark.svg import svg_file
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
@@ -42,7 +41,6 @@ from scara_kinetostatic.report.markers import (
     object_markers,
     result_markers,
     touch_markers,
-    uncertainty_markers,
 )
 from scara_kinetostatic.results import figures
 from scara_kinetostatic.results.calibration_json import as_document
@@ -79,8 +77,6 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'markers', markers()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
-    left = tip_uncertainty(found).maps[0]
-    yield 'tip_deviation', figures.deviation_picture(found, left, figures.deviation(found, left))
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
@@ -115,7 +111,6 @@ def markers() -> Markup:
             *result_markers(document, cell.discs, scales),
             *arm_markers('nominal', cell.nominal, pose, NOMINAL_COLOUR),
             *arm_markers('calibrated', parameters, pose, CALIBRATED_COLOUR),
-            *uncertainty_markers(document, pose, scales),
         ]
     )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Mistake, Origin, check_touches, wrong_unit
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Check, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
@@ -206,7 +206,7 @@ def calibrate_touches(
     mistake = check.mistake()
     if mistake is not None and mistake.is_gross and calibration is None:
         raise mistake.error(names)
-    with _explained_by(mistake or check.displaced, names):
+    with _explained_by(check, names):
         if not len(detection.touches):
             raise _no_touches(detection, names)
         _check_limits(detection.touches, cell)
@@ -231,7 +231,6 @@ def calibrate_touches(
         found=detection.found,
         rejected=tuple(rejected[index] for index in sorted(rejected)),
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
-        first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,
         check=check,
         sources=tuple(map(str, sources)),
@@ -239,13 +238,14 @@ def calibrate_touches(
 
 
 @contextmanager
-def _explained_by(mistake: Mistake | None, names: str) -> Iterator[None]:
+def _explained_by(check: Check, names: str) -> Iterator[None]:
     """Names the mistake behind a failure, where there is one."""
     try:
         yield
     except ParameterError:
         raise
     except (UnsupportedDataError, InputError) as error:
+        mistake = check.mistake() or check.displaced()
         if mistake is None:
             raise
         raise mistake.error(names) from error

@@ -1,6 +1,7 @@
 """The mistake in a cell description or in touches that explains why they do not agree, by name.
 
-The touches are fitted as stated and as they would be without each of the mistakes that people make (`_candidates`). One
+The touches are fitted as stated and as they would be without each of the mistakes that people make (`_candidates`); a
+coupling of the joints, a parameter of that fit, is tried where none of the others explains them (`_coupled`). A mistake
 is named where the touches disagree grossly with what is stated, and agree with it without that mistake; several, where
 these explain the touches alike; none, where none does.
 
@@ -29,7 +30,6 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
@@ -37,7 +37,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces, surfaces_of
+from scara_kinetostatic.model.outline import EDGE_RADIUS, Surfaces
 from scara_kinetostatic.model.parameters import G_EE, L1, L2, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -90,8 +90,8 @@ class _Limits:
     """Lengths that differ by less than this are not worth swapping, m."""
 
 
-_PRIOR = np.array([0.015, 0.015, *(np.deg2rad(2.5), 0.015) * 2, 1e-4, 3e-4, 3e-4, 0.05, 5e-3, 5e-3])
-"""Standard deviation of the error of each nominal value, SI units."""
+_PRIOR = np.array([0.015, 0.015, *(np.deg2rad(2.5), 0.015) * 2, 1e-4, 3e-4, 3e-4, 0.05, 5e-3, 5e-3, 0.1])
+"""Standard deviation of the error of each nominal value, SI units, and of a coupling of the joints."""
 
 
 class Origin(Enum):
@@ -146,15 +146,23 @@ class Check(NamedTuple):
         found: the mistake that explains why they do not agree; None where they do, or none explains it.
         misfit: how badly they agree as stated.
         backlash: g_ee of the coarse fit, m.
-        displaced: a disc without whose displacement they agree, where no mistake is found; it is one where the fit
-            fails, and an effect where the fit corrects it.
+        unexplained: the touches and how they agree as stated, where they do not and no mistake explains it.
     """
 
     cell: Cell
     found: Mistake | None = None
     misfit: float = np.inf
     backlash: float = 0.0
-    displaced: Mistake | None = None
+    unexplained: tuple[_Reading, _Agreement] | None = None
+
+    def displaced(self) -> Mistake | None:
+        """A disc without whose displacement the touches agree, where no mistake is found.
+
+        It is one where the fit fails, and an effect where the fit corrects it.
+        """
+        if self.unexplained is None:
+            return None
+        return _named(self.unexplained[1], list(_displaced(*self.unexplained, self.cell)))
 
     def mistake(self, calibration: Calibration | None = None) -> Mistake | None:
         """The mistake found, or an error of all radii, which is a backlash g_ee that no gripper has.
@@ -209,14 +217,15 @@ def check_touches(
         return Check(cell, unit)
     which = np.unique(np.linspace(0, n - 1, min(n, _Limits.touches)).round().astype(np.intp))
     reading = _reading(touches.select(which), cell, fixed or {})
-    stated, named = _fit(reading), touches.disc[which]
-    displaced = None
-    if stated.misfit > _Limits.gross:
-        found = _gross(stated, cell, list(_candidates(reading, cell, origin)))
-        displaced = found or _gross(stated, cell, list(_displaced(reading, stated, cell)))
-    else:
-        found = _mislabelled(named, stated.left.disc, cell)
-    return Check(cell, found, stated.misfit, float(stated.parameters[G_EE]), displaced)
+    stated = _fit(reading)
+    check = Check(cell, None, stated.misfit, float(stated.parameters[G_EE]))
+    if stated.misfit <= _Limits.gross:
+        return check._replace(found=_mislabelled(touches.disc[which], stated.left.disc, cell))
+    tried = [(one, _fit(one.mended)) for one in _candidates(reading, cell, origin)]
+    if not any(fit.misfit <= _Limits.alike for _, fit in tried):
+        tried += _coupled(reading, cell, origin)
+    found = _named(stated, tried)
+    return check._replace(found=found, unexplained=None if found else (reading, stated))
 
 
 def wrong_unit(joints: Floats, force: float) -> Mistake | None:
@@ -246,8 +255,8 @@ class _Reading(NamedTuple):
         force: F on the object in the frame of the sensor, (n, 2), N.
         tool: whether that frame turns with link 2.
         surfaces: of the objects; of a disc its circle.
-        nominal: parameters of the base model, (12,).
-        free: which of them are fitted, (12,).
+        nominal: parameters of the base model, and the part of joint 1 in the angle of joint 2, (13,).
+        free: which of them are fitted, (13,).
     """
 
     joints: Floats
@@ -270,7 +279,7 @@ class _Misses(NamedTuple):
         distance: d, (n,), m.
         angle: a, (n,), rad.
         miss: from the place of contact to the disc less its radius along the force, (n, 2), m.
-        by_distance: derivatives of d by the parameters, (n, 12).
+        by_distance: derivatives of d by the parameters, (n, 13).
         by_angle: those of a.
     """
 
@@ -286,7 +295,7 @@ class _Agreement(NamedTuple):
     """How well a reading agrees with the touches.
 
     Attributes:
-        parameters: the fitted ones, (12,).
+        parameters: the fitted ones, (13,).
         left: what is left of each touch.
         misfit: the mean of log(1 + (d/D)²) + log(1 + (a/A)²); infinite where it cannot be evaluated.
     """
@@ -298,18 +307,19 @@ class _Agreement(NamedTuple):
 
 def _reading(touches: TouchSet, cell: Cell, fixed: Mapping[str, float]) -> _Reading:
     fixed = {name: value for name, value in fixed.items() if name in NAMES}
-    free = np.array([float(name not in fixed) for name in NAMES])
-    tool, nominal = cell.sensor.frame is SensorFrame.TOOL, cell.nominal.replace(**fixed).as_array()[: len(NAMES)]
+    free = np.array([*(float(name not in fixed) for name in NAMES), 0.0])
+    nominal = np.append(cell.nominal.replace(**fixed).as_array()[: len(NAMES)], 0.0)
+    tool = cell.sensor.frame is SensorFrame.TOOL
     return _Reading(touches.joints, touches.force, tool, cell.surfaces, nominal, free)
 
 
 @np.errstate(all='ignore')
 def _fit(r: _Reading) -> _Agreement:
     """Fit a reading to the touches."""
-    change, prior = np.zeros(len(NAMES)), _PRIOR * r.free
+    change, prior = np.zeros(len(_PRIOR)), _PRIOR * r.free
     for step in range(12):  # the scales of the loss shrink to D and A
         found = _misses(r, r.nominal + change)
-        rows, right = [np.eye(len(NAMES))], [np.zeros(len(NAMES))]
+        rows, right = [np.eye(len(_PRIOR))], [np.zeros(len(_PRIOR))]
         for value, derivative, first, last in (
             (found.distance, found.by_distance, 0.02, _Limits.distance),
             (found.angle, found.by_angle, 0.3, _Limits.angle),
@@ -333,11 +343,11 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     The disc is that of the nearest surface. The normal of a circle turns as the tip moves along it, by its radius; that
     of an edge does not, and the distance from it grows beyond its ends.
     """
-    p = Parameters.from_array(values)
-    force = rotate(r.force, r.joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
+    p, joints = Parameters.from_array(values[:-1]), _applied((1.0, 0.0, -values[-1], 1.0), r.joints)
+    force = rotate(r.force, joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
     size = np.maximum(np.linalg.norm(force, axis=1), 1e-300)
-    rigid = joint_torques(p, r.joints, force)
-    links = r.joints - rigid * [p.p1, p.p2] - rigid / np.hypot(rigid, 1e-2) * [p.g1, p.g2]
+    rigid = joint_torques(p, joints, force)
+    links = joints - rigid * [p.p1, p.p2] - rigid / np.hypot(rigid, 1e-2) * [p.g1, p.g2]
     torque, tip = joint_torques(p, links, force), forward(p, links)
     press, unit, every = p.p_ee * size + p.g_ee, force / size[:, None], np.arange(len(size))
     misses = r.surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
@@ -356,19 +366,18 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     by_distance[:, P_EE], by_distance[:, G_EE] = size, 1.0
     by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / np.where(edge, np.inf, signed)[:, None]
     by_angle[:, [THETA1, THETA2]] += float(r.tool)
-    return _Misses(here.object, away - (here.radii - press), angle, miss, by_distance, by_angle)
+    by = (np.column_stack([each, -r.joints[:, 0] * each[:, THETA2]]) for each in (by_distance, by_angle))
+    return _Misses(here.object, away - (here.radii - press), angle, miss, *by)
 
 
-def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> Mistake | None:
-    """The mistake without which the touches agree, where they do not as stated."""
-    possible = [one for one in candidates if cell.has_outlines or not layout_problems(cell, *one.mended.surfaces[1:3])]
-    found = sorted(((one, _fit(one.mended)) for one in possible), key=lambda item: item[1].misfit)
+def _named(stated: _Agreement, tried: Sequence[tuple[_Candidate, _Agreement]]) -> Mistake | None:
+    """The mistake without which the touches agree, where they do not as stated; of those tried."""
+    found = sorted(tried, key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
     if best > min(_Limits.agrees, _Limits.part * stated.misfit):
         return None
     most = min(best + _Limits.alike, _Limits.part * stated.misfit)
-    alike = [item for item in found if item[1].misfit <= most]
-    chosen = [item for item in alike if item[0].common] or alike
+    chosen = [item for item in found if item[1].misfit <= most]
     if len(chosen) > _Limits.named:
         return None
     fits = stated.left, chosen[0][1].left
@@ -408,57 +417,23 @@ class _Candidate(NamedTuple):
         statement: the mistake, one clause.
         action: what to do about it.
         mended: the reading without the mistake.
-        common: whether people often make it: where two explain the touches alike, the common one is named.
     """
 
     where: str
     statement: str
     action: str
     mended: _Reading
-    common: bool = True
 
 
 def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
-    """All mistakes that may have been made in a reading."""
+    """All mistakes that may have been made in a reading, but for a coupling of the joints."""
     yield from _of_sensor(r, cell, origin)
-    for number, (matrix, statement, action) in enumerate(_JOINTS):
-        where = 'joint angles'
-        if origin is Origin.RECORDING and number == 0:
-            where, action = 'robot.joint_names', f'set robot.joint_names to [{", ".join(reversed(cell.joint_names))}]'
-        elif origin is not Origin.ARRAYS and number in (1, 2, 3):
-            signs = [sign * turned for sign, turned in zip(cell.direction, matrix[::3], strict=True)]
-            where, action = 'robot.direction', f'set robot.direction to {signs}'
-        yield _Candidate(where, statement, action, r._replace(joints=_applied(matrix, r.joints)), common=number < 4)
-    yield from _coupled(r, cell, origin)
-    yield from _of_objects(r, cell)
+    yield from _of_joints(r, cell, origin)
+    if not cell.has_outlines:
+        for one in _of_discs(r, cell):
+            if not layout_problems(cell, *one.mended.surfaces[1:3]):
+                yield one
     yield from _of_nominal(r)
-
-
-def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
-    """Joint 1 turns the reading of joint 2 as well, by the part with which the touches agree best."""
-
-    def without(part: float) -> _Reading:
-        return r._replace(joints=_applied((1, 0, -part, 1), r.joints))
-
-    def misfit(part: float) -> float:
-        return _fit(without(part)).misfit
-
-    near, step = min(np.linspace(-2.0, 2.0, 81).tolist(), key=misfit), 0.05
-    part = float(minimize_scalar(misfit, bounds=(near - step, near + step), method='bounded').x)
-    if abs(part) < _Limits.least_coupling:
-        return
-    same = cell.direction[0] * cell.direction[1]
-    ratio = round(part if origin is Origin.ARRAYS else same * part + cell.coupling, 4)
-    statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
-    where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
-    if abs(ratio - 1) < _Limits.least_coupling:
-        ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
-        action = 'set robot.coupling to 1'
-    if abs(ratio) < _Limits.least_coupling:
-        statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
-    if origin is Origin.ARRAYS:
-        where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
-    yield _Candidate(where, statement, action, without(part), common=False)
 
 
 def _applied(matrix: tuple[float, ...], pairs: Floats) -> Floats:
@@ -471,7 +446,6 @@ _FORCES = (
     ((0, 1, 1, 0), 'x and y of the force are swapped', 'exchange fx and fy'),
     ((-1, 0, 0, 1), 'x of the force has the wrong sign', 'change the sign of fx'),
     ((1, 0, 0, -1), 'y of the force has the wrong sign', 'change the sign of fy'),
-    ((0, -1, -1, 0), 'x and y of the force are swapped, with the wrong signs', 'exchange fx and fy with other signs'),
     ((0, -1, 1, 0), 'the axes of the force sensor are turned by 90°', 'turn the forces by 90°'),
     ((0, 1, -1, 0), 'the axes of the force sensor are turned by -90°', 'turn the forces by -90°'),
 )
@@ -481,7 +455,6 @@ _JOINTS = (
     ((-1, 0, 0, 1), 'joint 1 turns the other way', 'change the sign of q1'),
     ((1, 0, 0, -1), 'joint 2 turns the other way', 'change the sign of q2'),
     ((-1, 0, 0, -1), 'both joints turn the other way', 'change the signs of q1 and q2'),
-    ((0, -1, -1, 0), 'the joints are in the wrong order and turn the other way', 'exchange -q1 and -q2'),
 )
 """Changes of the joint angles by rows, with words for each."""
 _PLACES = (
@@ -500,49 +473,64 @@ def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     place, remedy = 'sensor.frame', f'set sensor.frame to {right}'
     if origin is Origin.TABLE:
         place, remedy = 'force', 'give the force on the object in the base frame'
+    yield _Candidate(place, frame, remedy, r._replace(tool=not r.tool))
     for number, (matrix, statement, action) in enumerate(_FORCES):
         where, mended = 'force', r._replace(force=_applied(matrix, r.force))
-        is_sign = number == 0 and origin is Origin.RECORDING
-        if is_sign:
+        if number == 0 and origin is Origin.RECORDING:
             other = 'on_object' if cell.sensor.sign is SensorSign.ON_ROBOT else 'on_robot'
             where, action = 'sensor.sign', f'set sensor.sign to {other}'
         yield _Candidate(where, statement, action, mended)
-        both = mended._replace(tool=not r.tool)
-        yield _Candidate(where, f'{frame}, and {statement}', f'{remedy}, and {action}', both, common=is_sign)
-    yield _Candidate(place, frame, remedy, r._replace(tool=not r.tool))
+        if number == 0:
+            both = mended._replace(tool=not r.tool)
+            yield _Candidate(where, f'{frame}, and {statement}', f'{remedy}, and {action}', both)
 
 
-def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
-    """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs; outlines turned."""
+def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+    """Order and senses of the joints."""
+    for number, (matrix, statement, action) in enumerate(_JOINTS):
+        where = 'joint angles'
+        if origin is Origin.RECORDING and number == 0:
+            where, action = 'robot.joint_names', f'set robot.joint_names to [{", ".join(reversed(cell.joint_names))}]'
+        elif origin is not Origin.ARRAYS and number > 0:
+            signs = [sign * turned for sign, turned in zip(cell.direction, matrix[::3], strict=True)]
+            where, action = 'robot.direction', f'set robot.direction to {signs}'
+        yield _Candidate(where, statement, action, r._replace(joints=_applied(matrix, r.joints)))
+
+
+def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candidate, _Agreement]]:
+    """Joint 1 turns the reading of joint 2 as well, by the part with which the touches agree best."""
+    free = np.append(r.free[:-1], 1.0)
+    starts = (r._replace(nominal=np.append(r.nominal[:-1], part), free=free) for part in np.linspace(-1.0, 1.0, 11))
+    fit, mended = min(((_fit(start), start) for start in starts), key=lambda item: item[0].misfit)
+    part = float(fit.parameters[-1])
+    if abs(part) < _Limits.least_coupling:
+        return
+    ratio = round(part if origin is Origin.ARRAYS else cell.direction[0] * cell.direction[1] * part + cell.coupling, 4)
+    statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
+    where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
+    if abs(ratio - 1) < _Limits.least_coupling:
+        ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
+        action = 'set robot.coupling to 1'
+    if abs(ratio) < _Limits.least_coupling:
+        statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
+    if origin is Origin.ARRAYS:
+        where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
+    yield _Candidate(where, statement, action, mended), fit
+
+
+def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+    """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs."""
     centers, radii, names = r.surfaces.centers, r.surfaces.radii, [disc.name for disc in cell.discs]
-    groups = [(f'objects: {name}', name, r.surfaces.object == d) for d, name in enumerate(names)]
-    if len(names) > 1 and not cell.has_outlines:
-        groups.insert(0, ('objects', 'every disc', np.ones(len(names), dtype=bool)))
-    for where, name, own in groups:
-        outline = cell.discs[names.index(name)] if name in names else None
-        if isinstance(outline, Outline):
-            for degrees in (90, 180, -90):
-                turned = surfaces_of([outline.moved((0.0, 0.0), np.deg2rad(degrees))], cell.tip_radius)
-                parts = [part.copy() for part in r.surfaces]
-                for part, other in zip(parts[1:], turned[1:], strict=True):
-                    part[own] = other
-                statement = f'the outline of {name} is turned by {-degrees}°'
-                yield _Candidate(where, statement, f'turn it by {degrees}°', r._replace(surfaces=Surfaces(*parts)))
-            continue
-        for matrix, statement, action in () if cell.has_outlines else _PLACES:
+    each = [(f'objects: {name}', name, np.arange(len(names)) == d) for d, name in enumerate(names)]
+    for where, name, own in [('objects', 'every disc', np.ones(len(names), dtype=bool)), *each]:
+        for matrix, statement, action in _PLACES:
             moved = np.where(own[:, None], _applied(matrix, centers), centers)
             if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
                 yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
-        for factor, statement, action in (
-            (0.5, f'radius is the diameter of {name}', 'halve it and add the radius of the tip if it is not contained'),
-            (2.0, f'radius of {name} is half of what it should be', 'double it'),
-        ):
-            mended = r.with_surfaces(radii=np.where(own, factor * radii, radii))
-            yield _Candidate(where, statement, action, mended)
-    if cell.has_outlines:
-        yield from _of_tip(r, cell)
-        return
+        statement = f'radius is the diameter of {name}'
+        halved = r.with_surfaces(radii=np.where(own, 0.5 * radii, radii))
+        yield _Candidate(where, statement, 'halve it and add the radius of the tip if it is not contained', halved)
     for i, j in combinations(range(len(names)), 2):
         if abs(radii[i] - radii[j]) > _Limits.same_length:
             swapped = radii.copy()
@@ -551,20 +539,7 @@ def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             yield _Candidate('objects', statement, 'exchange them', r.with_surfaces(radii=swapped))
 
 
-def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
-    """A diameter for the radius of the tip, or none: it displaces the edges and corners of outlines."""
-    is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[r.surfaces.object]
-    corner, edge = is_outline & ~r.surfaces.is_edge, r.surfaces.is_edge[:, None] * r.surfaces.normals
-    tip = cell.tip_radius or 0.0
-    changes = [('radius of the tip is its diameter', 'halve it', -0.5 * tip)]
-    if tip < _Limits.least_tip:  # what is left of it is a backlash
-        changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
-    for statement, action, more in changes:
-        mended = r.with_surfaces(radii=r.surfaces.radii + more * corner, centers=r.surfaces.centers + more * edge)
-        yield _Candidate('tip.radius', statement, action, mended)
-
-
-def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candidate]:
+def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[_Candidate, _Agreement]]:
     """Each of three discs or more displaced by the median miss of its touches, again and again as the fit follows."""
     for number, disc in enumerate(cell.discs if len(cell.discs) > 2 else ()):
         mended, found = r, stated
@@ -576,7 +551,8 @@ def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candida
             found = _fit(mended)
         far = 1e3 * np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0])
         statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'
-        yield _Candidate(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again', mended)
+        one = _Candidate(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again', mended)
+        yield one, found
 
 
 def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
@@ -592,8 +568,8 @@ def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
             nominal[j] = wrap(nominal[j] + np.deg2rad(degrees))
             statement, action = f'the offset {NAMES[j]} is wrong by {degrees}°', f'give {nominal[j]:.2f} rad'
             yield _Candidate(f'robot.nominal.{NAMES[j]}', statement, action, r._replace(nominal=nominal))
-    for j in np.flatnonzero(r.free == 0).tolist():
-        name, free = NAMES[j], np.where(np.arange(len(NAMES)) == j, 1.0, r.free)
+    for j in np.flatnonzero(r.free[:-1] == 0).tolist():
+        name, free = NAMES[j], np.where(np.arange(len(r.free)) == j, 1.0, r.free)
         statement = f'the fixed value {r.nominal[j]:g} {UNITS[name]} of {name} contradicts the touches'
         yield _Candidate(f'fixed {name}', statement, 'correct it, or leave the parameter free', r._replace(free=free))
 

@@ -139,13 +139,8 @@ def _about_group(evidence: Evidence, group: Group) -> Remark:
 
 
 def unusable(evidence: Evidence) -> Iterator[Remark]:
-    """Touches that were found and cannot be used, for whatever reason, in all or in one recording."""
-    edges = [*evidence.first_touches, max(evidence.found, evidence.first_touches[-1])]
-    numbers = np.histogram(np.array([item.index for item in evidence.rejected], dtype=np.intp), edges)[0]
-    parts = [('', len(evidence.rejected), evidence.found)]
-    parts += [(f'in recording {k + 1} ', int(n), edges[k + 1] - edges[k]) for k, n in enumerate(numbers)]
-    for where, number, found in parts:
-        if number > Limits.most_unusable * found:
-            action = 'see in the list of rejected touches why; `inspect` shows them in the recording'
-            yield Remark(Grade.CAUTION, f'{where}{number} of {found} touches found are not used', action)
-            return
+    """Touches that were found and cannot be used, for whatever reason."""
+    number, found = len(evidence.rejected), evidence.found
+    if number > Limits.most_unusable * found:
+        action = 'see in the list of rejected touches why; `inspect` shows them in the recording'
+        yield Remark(Grade.CAUTION, f'{number} of {found} touches found are not used', action)

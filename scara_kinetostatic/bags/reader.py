@@ -43,14 +43,7 @@ from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
 from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.touches.clock import on_one_clock
-from scara_kinetostatic.touches.streams import (
-    INTERLEAVED,
-    JointStream,
-    Streams,
-    WrenchFrame,
-    WrenchStream,
-    interleaved_seconds,
-)
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchFrame, WrenchStream
 
 _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
@@ -86,8 +79,6 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             warnings += [
                 f'{topic}: {count(number, "message")} {why} dropped' for why, number in decoder.dropped.items()
             ]
-        if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values[:, :2]):
-            warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := frame.complaint(name))]
         samples, offset = list(streams.values()), cell.sensor.time_offset
         (joints, wrench), valid = on_one_clock(str(path), names, samples, warnings, offset)

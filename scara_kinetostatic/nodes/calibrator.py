@@ -293,7 +293,8 @@ def _in_one_line(facts: Mapping[str, Any]) -> str:
         ': '.join([facts['assessment'], *facts['reasons'][:1]]),
         *facts['actions'][:1],
         f'{facts["touches.used"]} of {facts["touches.found"]} touches used',
-        f'force error {facts["force_error.nominal"]:.4g} N before, {facts["force_error.calibrated"]:.4g} N after',
+        f'force error {facts["force_error.nominal"]:.4g} N before, '
+        f'{facts["held_out_force_error.extended"]:.4g} N after, on touches not used',
         *(f'confounded: {group}' for group in facts['confounded']),
         f'missing effects: {", ".join([facts["verdict"], *effects])}',
     ]

@@ -219,30 +219,27 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
 
 
 class JointReader:
-    """Takes the joint states of one topic apart, and joins those that come in parts.
+    """Takes the joint states of one topic apart.
 
     Args:
         names: of q1 and q2.
         others: names of other joints.
-
-    Attributes:
-        parts: what joins them.
     """
 
     def __init__(self, names: Sequence[str], others: Sequence[str] = ()) -> None:
         self._names, self._needed = (*names, *others), frozenset(names)
-        self.parts = JointParts(self._names)
+        self._parts = JointParts(self._names)
 
     def sample(self, serialized: bytes, received: int = 0) -> Sample | None:
-        """Both joint angles, found by name, and the positions of other joints; None where more is to come.
+        """Both joint angles, found by name, and the positions of other joints; None where it has other joints alone.
 
         Args:
             serialized: a `JointState` as it came over the wire.
             received: when it came, ns; 0: now.
 
         Raises:
-            UnusableMessageError: it has no position of such a joint, none that is a finite number, or does not fit
-                those of the other joints.
+            UnusableMessageError: it has no position of such a joint, none that is a finite number, or of one of the two
+                alone.
         """
         fields, positions = _fields(joint_fields, serialized)
         found = dict(zip(fields.names, positions, strict=False))
@@ -255,7 +252,7 @@ class JointReader:
         q1, q2 = (found.get(name, 0.0) for name in self._names[:2])
         stamp = _finite(Sample(_stamp(serialized), q1, q2)).stamp_ns
         try:
-            sample = self.parts.add(stamp, received or time_ns(), values)
+            sample = self._parts.add(stamp, received or time_ns(), values)
         except UnjoinedError as error:
             raise UnusableMessageError(str(error)) from error
         return sample and Sample(sample[0], sample[2][0], sample[2][1], tuple(sample[2][2:]))

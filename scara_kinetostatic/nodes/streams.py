@@ -83,7 +83,7 @@ class StreamMonitor:
         publishers: full names of the nodes that publish it, one for each publisher.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
-        parts: messages so far that gave no sample yet, as joint states that come in parts.
+        parts: messages so far that gave no sample, as joint states of other joints alone.
         lost: messages so far that were published but not received.
         refusal: why the last message could not be used; empty where it could.
         has_moved: whether because a joint that is to be held is elsewhere.
@@ -157,7 +157,7 @@ class StreamMonitor:
         return [*complaints, self.mixture()], {f'{self.topic}: {name}': value for name, value in values.items()}
 
     def mixture(self) -> str:
-        """That messages of several publishers mix; empty if they do not.
+        """That messages of several robots mix, by the publishers; empty if they do not.
 
         A publisher whose messages cannot be used, of other joints, is no trouble, nor are several with parts.
         """
@@ -342,7 +342,7 @@ class CellStreams:
             monitor.refuse(str(error))
             return None
         if sample is None:
-            monitor.note_part(self._joints.parts.awaited)
+            monitor.note_part(' and '.join(self._cell.joint_names))
             return None
         if sample.others and (moved := self._cell.moved_joint(np.array(sample.others))):
             if not self._judges:

@@ -3,12 +3,12 @@
 Publishes `visualization_msgs/MarkerArray` in the frame of `robot.plane`, else `base_link`,
 with `frame_prefix` before it: on `~/markers`,
 latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
-found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles and the
-uncertainty of the tip. The URDF of the nominal arm is on `robot_description`, latched; where the cell states the link
-that carries the tip (`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
+found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles. The URDF of
+the nominal arm is on `robot_description`, latched; where the cell states the link that carries the tip
+(`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
-and the covariance, it reads from the file that the result names; without the file they are not shown, and that is said.
+it reads from the file that the result names; without the file they are not shown, and that is said.
 A result that the calibrator does not publish, as it is unfit, does not change the calibrated arm.
 """
 
@@ -106,9 +106,8 @@ class Visualizer(CellNode):
             try:
                 document = conversion.stored_document(said)
             except InputError as error:
-                self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {error}')
-            markers.result_markers(document, self._cell.discs, self._scales)
-            markers.uncertainty_markers(document, (0.0, 0.0), self._scales)  # tried before it is shown
+                self.get_logger().warning(f'residual forces are not shown: {error}')
+            markers.result_markers(document, self._cell.discs, self._scales)  # tried before it is shown
             published = bool(said.get('published', True))
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
             self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
@@ -148,5 +147,4 @@ class Visualizer(CellNode):
         arms = markers.arm_markers('nominal', self._cell.nominal, self._joints, NOMINAL_COLOUR)
         if self._calibrated is not None:
             arms += markers.arm_markers('calibrated', estimated(self._calibrated), self._joints, CALIBRATED_COLOUR)
-            arms += markers.uncertainty_markers(self._calibrated, self._joints, self._scales)
         self._arm.publish(conversion.marker_array(arms, self._plane))

@@ -2,7 +2,7 @@
 
 Deflections and errors are micrometres and the cell is a metre, so lengths are magnified: a force F is an arrow of
 `Scales.force` ‖F‖, a residual force one of `Scales.residual` ‖F‖, displacements of objects are drawn `Scales.error`
-times and the uncertainty of the tip `Scales.uncertainty` times as large. What is magnified says so in a text beside it.
+times as large. What is magnified says so in a text.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, tip_covariance
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
+from scara_kinetostatic.files.urdf import Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, link_vectors, rotate
+from scara_kinetostatic.model.kinematics import forward, link_vectors, rotate
 from scara_kinetostatic.model.outline import Outline, boundary, surfaces_of
 from scara_kinetostatic.model.parameters import NAMES, Parameters, quantity
 
@@ -69,13 +68,11 @@ class Scales(NamedTuple):
         force: length of the arrow of a force, m/N.
         residual: of a residual force, m/N.
         error: magnification of displacements of objects.
-        uncertainty: magnification of the tip's uncertainty.
     """
 
     force: float = 0.002
     residual: float = 0.05
     error: float = 200.0
-    uncertainty: float = 5000.0
 
 
 class SeenTouch(NamedTuple):
@@ -189,29 +186,6 @@ def result_markers(document: Mapping[str, Any], discs: Sequence[Disc | Outline],
         if effect['target'] in by_name:
             made += _displaced(by_name[effect['target']], effect['parameters'], scales.error)
     return made + _summary(document, found, discs, scales)
-
-
-def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: Scales) -> list[Primitive]:
-    """The ellipse of the tip's uncertainty (k = 2), magnified, at joint angles (2,), rad, without load.
-
-    Nothing where the data do not determine a parameter of the geometry, or the document has no covariance.
-    """
-    stated, parameters = document.get('covariance'), estimated(document)
-    if stated is None or any(document['parameters'][name]['status'] == 'confounded' for name in NAMES[:6]):
-        return []
-    by_name = dict(zip(NAMES, forward_by_parameters(parameters, joints).T, strict=True))
-    derivative = np.stack([by_name.get(name, np.zeros(2)) for name in stated['names']], axis=-1)
-    covariance = tip_covariance(derivative[None], np.asarray(stated['matrix']))[0]
-    tip = forward(parameters, joints)
-    values, axes = np.linalg.eigh(covariance)
-    lengths = COVERAGE_FACTOR * np.sqrt(np.maximum(values, 0))
-    outline = tip + scales.uncertainty * (_circle() * lengths) @ axes.T
-    text = f'tip ±{quantity(float(lengths[-1]), "m")} (k = 2), × {scales.uncertainty:g}'
-    below = (float(tip[0]), float(outline[:, 1].min()) - _LETTERS)
-    return [
-        Primitive('uncertainty', 'strip', places(outline), CALIBRATED_COLOUR, _THIN),
-        label('uncertainty', below, text, CALIBRATED_COLOUR),
-    ]
 
 
 def estimated(document: Mapping[str, Any]) -> Parameters:

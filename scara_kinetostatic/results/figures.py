@@ -1,24 +1,18 @@
-"""Figures of the report: the cell, the residuals, what the touches show of an effect; maps of the tip.
+"""Figures of the report: the cell, the residuals, what the touches show of an effect; maps of the tip's uncertainty.
 
-The maps show the deviation of the tip nominal → calibrated, and its uncertainty. One is drawn for each elbow posture
-that was touched, over the grid of the uncertainty of the tip. Where the joint angles of a place are outside the convex
-hull of those of the touches, the model is extrapolated: the map is faded.
-
-The deviation is that of a controller with the nominal parameters: it commands the angles Q that bring the nominal
-robot without load to a place; the map shows H̄(L̄, Q, F) less H̄(L̄n, Q, F).
+A map is drawn for each elbow posture that was touched, over the grid of the uncertainty of the tip. Where the joint
+angles of a place are outside the convex hull of those of the touches, the model is extrapolated: the map is faded.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Circle, Wedge
 from matplotlib.ticker import MaxNLocator
 
@@ -27,9 +21,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, NEARLY_STRETCHED, UncertaintyMap
 from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.report import Figure, Figures, Legend
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.quantities import micrometres
@@ -186,20 +178,6 @@ _MILLI = 1e3
 _FADED = 'Faded: extrapolated, the joint angles are not between those of the touches. Blank: the arm cannot be there.'
 
 
-class Deviation(NamedTuple):
-    """Deviation of the tip, calibrated less nominal, over a map.
-
-    Attributes:
-        unloaded: without load, (m, k, 2), m.
-        loaded: largest length over all directions of the mean force, (m, k), m.
-        force: mean force of the touches, N.
-    """
-
-    unloaded: Floats
-    loaded: Floats
-    force: float
-
-
 def uncertainty_figures(outcome: Outcome) -> Figures | None:
     """Maps of the expanded uncertainty of the tip; None where the data do not determine it."""
     c, tip = outcome.final, outcome.tip_uncertainty
@@ -219,89 +197,18 @@ def uncertainty_figures(outcome: Outcome) -> Figures | None:
     return Figures(figures, '. '.join([*parts, _FADED])) if figures else None
 
 
-def deviation_figures(outcome: Outcome) -> Figures | None:
-    """Maps of the deviation of the tip; None where the data do not determine it."""
-    c, tip = outcome.final, outcome.tip_uncertainty
-    if not np.isfinite(tip.worst):
-        return None
-    found = [deviation(c, each) for each in tip.maps]
-    longest = max(float(np.nanmax(np.linalg.norm(each.unloaded, axis=-1))) for each in found)
-    caption = (
-        'Where the tip is, less where the nominal parameters put it, at the same joint angles. Arrows: without load, '
-        f'the longest {_MILLI * longest:.3g} mm. Lines: largest deviation under {found[0].force:.3g} N, the mean force '
-        f'of the touches, in any direction, mm. {_FADED}'
-    )
-    pairs = zip(tip.maps, found, strict=True)
-    return Figures(tuple(Figure(partial(deviation_picture, c, places, each)) for places, each in pairs), caption)
-
-
-def deviation(c: Calibration, places: UncertaintyMap) -> Deviation:
-    """The deviation nominal → calibrated over a map."""
-    force = float(np.hypot(*c.force[c.used].T).mean())
-    tip = np.stack(np.meshgrid(places.x, places.y), axis=-1)
-    joints = inverse(c.cell.nominal, np.where(np.isfinite(places.expanded)[..., None], tip, np.nan), places.posture)
-    angles = 2 * np.pi * np.arange(12) / 12
-    directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    lengths = [np.linalg.norm(_moved(c, joints, force * each), axis=-1) for each in directions]
-    return Deviation(_moved(c, joints, np.zeros(2)), np.max(lengths, axis=0), force)
-
-
-def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
-    """Calibrated less nominal place of the tip, (m, k, 2), m; NaN where the arm does not reach."""
-    moved, known = np.full(joints.shape, np.nan), np.isfinite(joints).all(axis=-1)
-    each = np.broadcast_to(force, joints[known].shape)
-    models = (c.model, ExtendedModel(c.cell.nominal))
-    calibrated, nominal = (direct_kinetostatics(model, joints[known], each, c.cell.gripper_sign)[0] for model in models)
-    moved[known] = calibrated - nominal
-    return moved
-
-
-def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) -> Markup:
-    """Lines of equal deviation under the mean force, and arrows of that without load."""
-    figure, axes = _draw_map(c, places, _MILLI * found.loaded, 'mm')
-    step = slice(1, None, 3)
-    u, v = np.moveaxis(found.unloaded[step, step] * _MILLI, -1, 0)
-    x, y = np.meshgrid(places.x[step] * _MILLI, places.y[step] * _MILLI)
-    largest = float(np.nanmax(np.hypot(u, v), initial=0.0))
-    if largest > 0:
-        per_mm = 2.7 * (places.x[1] - places.x[0]) * _MILLI / largest
-        look: dict[str, Any] = {'color': draw.INK, 'width': 0.0045, 'zorder': 4, 'clip_on': False}
-        axes.quiver(x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, **look)
-    name = _posture(places)
-    return draw.as_svg(figure, f'deviation_{name}', f'deviation of the tip, nominal to calibrated, posture {name}')
-
-
 def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
-    """Lines of equal expanded uncertainty of the tip; a thick one at the tolerance."""
-    figure, axes = _draw_map(c, places, 1e6 * places.expanded, 'µm')
-    tolerance = c.cell.tolerance
-    if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):
-        grid = (np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y))
-        axes.contour(*grid, _smooth(places.expanded), levels=[tolerance], colors=[draw.WARN], linewidths=2.2)
-    name = _posture(places)
-    return draw.as_svg(figure, f'uncertainty_{name}', f'uncertainty of the tip, posture {name}')
+    """Filled lines of equal expanded uncertainty of the tip, a thick one at the tolerance; discs and touches.
 
-
-def _posture(places: UncertaintyMap) -> str:
-    return 'left' if places.posture > 0 else 'right'
-
-
-def _smooth(values: Floats) -> Floats:
-    """A grid of values four times as fine, smoothed; what is not determined is filled from what is near."""
-    known = np.isfinite(values)
-    rows, columns = (np.exp(-0.35 * (np.linspace(0, n - 1, 4 * n)[:, None] - np.arange(n)) ** 2) for n in values.shape)
-    weight = rows @ known @ columns.T
-    return np.asarray(rows @ np.where(known, values, 0.0) @ columns.T / np.maximum(weight, 1e-300), dtype=float)
-
-
-def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str) -> tuple[Canvas, Axes]:
-    """Filled lines of equal value with labels, the discs and touches in mm, the extrapolated part faded."""
-    p, touches = c.parameters, c.touches.select(c.used)
+    The extrapolated part is faded.
+    """
+    p, touches, values, posture = c.parameters, c.touches.select(c.used), 1e6 * places.expanded, places.posture
+    name, tolerance = 'left' if posture > 0 else 'right', c.cell.tolerance
     grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
     base, reach = np.array([p.x0, p.y0]) * _MILLI, NEARLY_STRETCHED * (p.l1 + p.l2) * _MILLI
     away = np.hypot(grid[0] - base[0], grid[1][:, None] - base[1])
     fields = (places.x, places.y), (grid[0] / _MILLI, grid[1] / _MILLI)
-    coarse, fine = (c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), places.posture)) for xy in fields)
+    coarse, fine = (c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), posture)) for xy in fields)
     lost = np.kron(np.isnan(values) & coarse, np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
     shown = np.where((lost & (away < 0.9 * reach)) | ~fine, np.nan, _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
@@ -319,16 +226,26 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
     axes.add_patch(beyond)
     tip = forward(p, touches.joints) * _MILLI
     for number, disc in enumerate(c.cell.discs):
-        look, chosen = draw.mark(number), (touches.disc == number) & (touches.posture == places.posture)
+        look, chosen = draw.mark(number), (touches.disc == number) & (touches.posture == posture)
         centre = (disc.x * _MILLI, disc.y * _MILLI)
         draw.draw_object(axes, disc, look.colour, scale=_MILLI, width=1.3, order=3)
-        name = axes.text(
+        text = axes.text(
             *centre, disc.name, ha='center', va='center', fontsize=9.5, color=draw.INK, zorder=5, clip_on=True
         )
-        name.set_parse_math(False)
+        text.set_parse_math(False)
         axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
     axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=draw.PAPER, mec=draw.INK, mew=1.5, zorder=4)
-    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {_posture(places)}, lines in {unit}')
+    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {name}, lines in µm')
     axes.set(xlim=(grid[0][0], grid[0][-1]), ylim=(grid[1][0], grid[1][-1]))
     axes.grid(visible=False)
-    return figure, axes
+    if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):
+        axes.contour(*grid, _smooth(places.expanded), levels=[tolerance], colors=[draw.WARN], linewidths=2.2)
+    return draw.as_svg(figure, f'uncertainty_{name}', f'uncertainty of the tip, posture {name}')
+
+
+def _smooth(values: Floats) -> Floats:
+    """A grid of values four times as fine, smoothed; what is not determined is filled from what is near."""
+    known = np.isfinite(values)
+    rows, columns = (np.exp(-0.35 * (np.linspace(0, n - 1, 4 * n)[:, None] - np.arange(n)) ** 2) for n in values.shape)
+    weight = rows @ known @ columns.T
+    return np.asarray(rows @ np.where(known, values, 0.0) @ columns.T / np.maximum(weight, 1e-300), dtype=float)

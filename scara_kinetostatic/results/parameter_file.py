@@ -171,14 +171,8 @@ FACTS = {
     'confounded': Fact(list, 'groups of parameters that the touches do not separate, each with blanks'),
     'touches.found': Fact(int, 'touches in the recordings'),
     'touches.used': Fact(int, 'touches that the result is made from'),
-    'touches.rejected': Fact(int, 'touches that were rejected'),
     'force_error.nominal': Fact(float, 'force error before, N'),
-    'force_error.calibrated': Fact(float, 'force error of the base model, N'),
-    'force_error.extended': Fact(float, 'force error of the extended model, N'),
-    'held_out_force_error.calibrated': Fact(float, 'the same of the base model on touches not used in the fit, N'),
-    'held_out_force_error.extended': Fact(float, 'the same of the extended model on touches not used in the fit, N'),
-    'reduced_chi_square.calibrated': Fact(float, 'reduced chi-square of the base model'),
-    'reduced_chi_square.extended': Fact(float, 'reduced chi-square of the extended model'),
+    'held_out_force_error.extended': Fact(float, 'the same after, on touches not used in the fit, N'),
     'tip_uncertainty': Fact(float, 'largest expanded uncertainty of the tip in the workspace (k = 2), m'),
     'warnings': Fact(list, 'irregularities of the recordings'),
     'recordings': Fact(list, 'the recordings and touch tables'),
@@ -191,7 +185,6 @@ FACTS = {
 def facts(outcome: Outcome) -> dict[str, Value]:
     """The values of a result by the names of `FACTS`."""
     d, compared, model = outcome.diagnosis, outcome.comparison, arm_document(CalibratedArm.of_outcome(outcome))
-    sides = {'calibrated': compared.base, 'extended': compared.extended}
     values: dict[str, Any] = {
         'assessment': outcome.assessment.grade.value,
         'reasons': outcome.assessment.reasons,
@@ -204,11 +197,8 @@ def facts(outcome: Outcome) -> dict[str, Value]:
         'confounded': [' '.join(group) for group in outcome.final.identifiability.confounded],
         'touches.found': outcome.found,
         'touches.used': outcome.final.used.sum(),
-        'touches.rejected': len(outcome.rejected),
         'force_error.nominal': compared.nominal,
-        **{f'force_error.{name}': side.force_error for name, side in sides.items()},
-        **{f'held_out_force_error.{name}': side.held_out for name, side in sides.items()},
-        **{f'reduced_chi_square.{name}': side.reduced_chi_square for name, side in sides.items()},
+        'held_out_force_error.extended': compared.extended.held_out,
         'tip_uncertainty': outcome.tip_uncertainty.worst,
         'warnings': outcome.warnings,
         'recordings': outcome.sources,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from datetime import datetime, timezone
 from functools import partial
@@ -13,9 +12,21 @@ from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.report import Block, Fact, Facts, Figure, Items, Note, Report, Section, Table, as_page, as_text
-from scara_kinetostatic.report.quantities import SCALES, chance, count, decimals, micrometres, p_equals, unsigned_zero
+from scara_kinetostatic.report import (
+    Block,
+    Fact,
+    Facts,
+    Figure,
+    Items,
+    Note,
+    Report,
+    Section,
+    Table,
+    as_page,
+    as_text,
+    sentence,
+)
+from scara_kinetostatic.report.quantities import count, micrometres, p_equals
 from scara_kinetostatic.results import messages
 
 NAME = 'report.html'
@@ -70,11 +81,11 @@ def html_text(outcome: Outcome) -> str:
                 'Parameters (extended model)' if extended else 'Parameters',
                 (messages.parameter_table(c), *messages.identifiability(outcome)[1:]),
             ),
-            *_maps(outcome),
+            *_present([_map(outcome)]),
             _diagnosis(outcome),
             Section('Appendix', ()),  # what the result rests on, folded; what the touches show of the effects is open
             *([_effects(outcome)] if extended else []),
-            *_present([_budget(outcome), _errors(outcome, extended), _candidates(outcome), _limits(outcome, extended)]),
+            *_present([_budget(outcome), _errors(outcome), _limits(outcome)]),
             _noise(outcome),
             *_pictures(outcome),
             _touches(outcome),
@@ -151,42 +162,22 @@ def _uncertainty(outcome: Outcome) -> Fact:
     return Fact(title, f'{micrometres(tip.worst)} of {micrometres(tolerance)}', 'µm', '; '.join(parts))
 
 
-def _maps(outcome: Outcome) -> list[Section]:
-    """Uncertainty and deviation of the tip, where the data determine them."""
-    from scara_kinetostatic.results.figures import deviation_figures, uncertainty_figures
+def _map(outcome: Outcome) -> Section | None:
+    """Uncertainty of the tip, where the data determine it."""
+    from scara_kinetostatic.results.figures import uncertainty_figures
 
-    found = {
-        'Uncertainty of the tip': uncertainty_figures(outcome),
-        'Deviation of the tip, nominal → calibrated': deviation_figures(outcome),
-    }
-    return [Section(title, (maps,)) for title, maps in found.items() if maps is not None]
+    maps = uncertainty_figures(outcome)
+    return Section('Uncertainty of the tip', (maps,)) if maps is not None else None
 
 
 def _diagnosis(outcome: Outcome) -> Section:
-    d, compared = outcome.diagnosis, outcome.comparison
+    d = outcome.diagnosis
     blocks: list[Block] = [messages.verdict(outcome)]
-    if d.verdict == 'none':
-        tested = f'{len(catalogue(outcome.calibration.cell))} physical effects{", one at a time," * bool(d.ranking)}'
-        depends = 'joint angles, torques, size and direction of the force, the discs and the places on them'
-        more = f'smooth dependences of the residual on {depends}, the direction of approach, and time'
-        blocks.append(Note(f'Tested: {tested} and {more}.'))
     if outcome.final is not outcome.calibration:
-        for table, item in zip(messages.effect_tables(d.found), d.found, strict=True):
-            blocks.append(table._replace(title=table.title.strip()))
-            if item.effect.off_normal_std:
-                off_normal = (
-                    'The force of each touch is off the normal by an angle of its own, which no model predicts: the '
-                    'extended model includes this scatter in the weights, it does not remove it. Where it predicts a '
-                    'force, the angle is taken from the measured one, so that its force error is the part along the '
-                    'force.'
-                )
-                blocks.append(Note(off_normal))
-        these, them = ('this effect', 'it') if len(d.found) == 1 else ('these effects', 'them')
-        blocks.append(
-            f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”. Without '
-            f'{them} the parameters would be biased, and the tip displaced by {micrometres(compared.tip_bias)} µm (rms '
-            f'over the touches; at most {micrometres(compared.largest_tip_bias)} µm).'
-        )
+        blocks += [table._replace(title=table.title.strip()) for table in messages.effect_tables(d.found)]
+        these = 'this effect' if len(d.found) == 1 else 'these effects'
+        adequate = f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”.'
+        blocks.append(f'{adequate} {sentence(messages.bias(outcome))}')
     return Section('Diagnosis', tuple(blocks))
 
 
@@ -222,99 +213,35 @@ def _budget(outcome: Outcome) -> Section | None:
     return Section('Uncertainty budget', blocks, folded=True)
 
 
-def _errors(outcome: Outcome, extended: bool) -> Section:
+def _errors(outcome: Outcome) -> Section:
     note = Note(
         'Force error: mean distance of measured and predicted force, e_f. Tip error: rms distance of the predicted tip '
         f'from the surface. Held out: touches not used in the fit, {outcome.extended_held_out.folds} folds '
         'for the force, one by one and to first order for the tip. All on the same touches and with the noise of the '
         'final model.'
     )
-    blocks: list[Block] = [messages.error_table(outcome.comparison), note]
-    if extended:
-        rows, levels = [], []
-        for bias in outcome.comparison.biases:
-            unit, per_si = SCALES[bias.name]
-            digits = decimals(bias.std * per_si)
-            places = 3 if digits is None else digits
-            base, final, shift = (
-                unsigned_zero(f'{value * per_si:.{places}f}') for value in (bias.base, bias.value, bias.shift)
-            )
-            if bias.base_std > 0 and math.isfinite(bias.base_std):
-                base += f' ± {bias.base_std * per_si:.{places}f}'
-            if digits is not None:
-                final += f' ± {bias.std * per_si:.{places}f}'
-            shift = '' if digits is None else shift
-            rows.append((bias.name, base, final, unit, shift, _signed(bias.in_std)))
-            levels.append('bad' if bias.is_significant and abs(bias.in_std) > 2.0 else '')
-        heading = ('parameter', 'base model ± 1 σ', 'extended ± 1 σ', 'unit', 'bias', 'bias [σ]')
-        note = Note('Bias: estimate of the base model less that of the extended model, σ that of the former.')
-        blocks += [Table(heading, ('',) * 6, tuple(rows), levels=tuple(levels)), note]
-    return Section('Errors of the models', tuple(blocks), folded=True)
+    return Section('Errors of the models', (messages.error_table(outcome.comparison), note), folded=True)
 
 
-def _candidates(outcome: Outcome) -> Section | None:
-    """The identifiable candidates, of fitted curves only those that are not rejected; those found first, then by their
-    gain.
-    """
-    d = outcome.diagnosis
-    rows = []
-    for item in sorted(d.ranking, key=lambda item: (d.role_of(item) not in ('found', 'possible'), -item.gain)):
-        role, p_value = d.role_of(item), chance(item.p_value) if math.isfinite(item.p_value) else ''
-        if item.role != 'unidentifiable' and (item.effect.is_physical or role != 'rejected'):
-            rows.append((item.effect.title, _signed(item.gain), p_value, f'{100 * item.share:.0f} %', role))
-    if d.verdict == 'none' or not rows:
-        return None
-    levels = {'found': 'good', 'possible': 'good', 'rival': 'caution'}
-    heading, shown = ('effect', 'gain', 'p-value', 'share', ''), tuple(levels.get(row[-1], '') for row in rows)
-    note = Note(
-        'Each candidate is added to the base model alone. Gain: twice the logarithm of the odds against no effect, '
-        'less the penalty for its parameters and for the length of the list. Share: part of the residual sum of '
-        'squares that it explains. The decision is between sets of effects: a large effect raises the gain of similar '
-        'ones, so that a rejected effect may have a high gain alone and none beside those found.'
-    )
-    return Section('Candidate effects', (Table(heading, ('',) * 5, tuple(rows), levels=shown), note), folded=True)
-
-
-def _limits(outcome: Outcome, extended: bool) -> Section:
-    """What a residual depends on, the most significant first; the physical effects that these touches cannot show."""
-    d, most = outcome.diagnosis, 8
-    depends = d.remaining if extended else d.dependences
-    blocks: list[Block] = []
-    if depends:
-        rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in depends[:most]]
-        if len(depends) > most:
-            rows.append((f'and {len(depends) - most} more, in calibration.json', '', ''))
-        table = Table(('the residual depends on', 'p-value', 'share'), ('',) * 3, tuple(rows))
-        blocks += [*(['Residual of the extended model:'] if extended else []), table]
-    effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
-    if effects:
-        cells = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
-        table = Table(('effect', 'confounded with', 'identified by'), ('',) * 3, cells)
-        blocks += [f'Effects that these touches cannot identify: {len(effects)}', table]
-    return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)
-
-
-def _signed(value: float) -> str:
-    if not math.isfinite(value):
-        return ''
-    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
+def _limits(outcome: Outcome) -> Section | None:
+    """The physical effects that these touches cannot show."""
+    ranking = outcome.diagnosis.ranking
+    effects = [item.effect for item in ranking if item.role == 'unidentifiable' and item.effect.is_physical]
+    cells = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
+    table = Table(('effect', 'confounded with', 'identified by'), ('',) * 3, cells)
+    title = f'Effects that these touches cannot identify: {len(effects)}'
+    return Section(title, (table,), folded=True) if effects else None
 
 
 def _noise(outcome: Outcome) -> Section:
     lines = [*messages.identifiability(outcome), f'Noise of one touch: {messages.noise(outcome)}.']
     never = (
-        'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
-        'gripper, g_ee.',
-        'A displacement of all discs together: equivalent to x0 and y0. A rotation of all discs about the base: nearly '
-        'equivalent to theta1.',
-        'A gain error of the force sensor: equivalent to one factor on all compliances.',
-        'A gripper that is stiffer along link 2 than across it, or bending of link 2: to first order equivalent to '
-        'other values of p_ee and p2.',
-        'Friction in a transmission that is always approached from the same side: equivalent to backlash.',
+        'Touches of this kind, whatever their number, cannot show an error common to all radii, a displacement of all '
+        'discs together, a gain error of the force sensor, a gripper that is stiffer along link 2 than across it, or '
+        'friction in a transmission that is always approached from the same side. They change g_ee, x0 and y0, all '
+        'compliances, p_ee and p2, and a backlash.'
     )
-    lead = 'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:'
-    blocks = (Items(tuple(lines)), Items(never, lead))
-    return Section('Identifiability and noise', blocks, folded=True)
+    return Section('Identifiability and noise', (Items(tuple(lines)), never), folded=True)
 
 
 def _pictures(outcome: Outcome) -> list[Section]:

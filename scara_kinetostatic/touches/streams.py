@@ -1,14 +1,7 @@
 """What arrives: joint angles and forces with their stamps, as arrays, and the frame in which the forces are.
 
-Messages of two robots in one stream show themselves: the joint angles jump back and forth between two motions. In a
-motion of one robot a step from sample to sample is followed by its like; with two robots many large steps are undone by
-the next large one, almost exactly where the robots rest.
-
-Joint states may come in parts, messages with some of the joints each, from several publishers; `JointParts` joins them.
-As soon as q1 and q2 both have news there is a sample, at the earlier of their latest stamps: one of them was measured
-there, the other is interpolated between its neighbours. So each sample has something new of both, there are as many as
-of the slower joint, and none bridges the silence of one. Other joints, as of a lift, count as they were last heard,
-for one second. A message with both angles stays as it came.
+Joint states may come from several publishers, messages with some of the joints each. q1 and q2 have to be in one; the
+other joints, as of a lift, count as they were last heard, for one second (`JointParts`).
 
 The forces are taken in the frame that `sensor.frame` states, the base or the tool. Its names in ROS are `NAMES`. Where
 fixed transforms (`/tf_static`) connect the `frame_id` of a wrench with such a frame, the force is turned by them:
@@ -24,7 +17,6 @@ count for forces in the base, and those in the tool are taken as `sensor.rotatio
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import acos, degrees, isnan, nan
@@ -35,7 +27,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.touches.clock import SECOND, TOLERANCE
+from scara_kinetostatic.touches.clock import SECOND
 
 
 @dataclass(frozen=True)
@@ -104,31 +96,6 @@ class Streams:
     discarded: tuple[int, ...] = ()
     turned: str = ''
     force_ranges: Floats | None = None
-
-
-INTERLEAVED = 'the joint angles jump back and forth: messages of two robots on one topic'
-
-
-def is_interleaved(values: Floats) -> bool:
-    """Whether the joint angles of about a second, (n, 2), rad, in the order of arrival, are those of two robots."""
-    if len(values) < 50:
-        return False
-    steps = np.diff(values[:, int(np.argmax(np.ptp(values, axis=0)))])
-    jumps = steps[np.abs(steps) > 5e-3]  # less may be noise, or the resolution of an encoder
-    undone = int(np.sum(np.abs(jumps[1:] + jumps[:-1]) < 0.05 * np.abs(jumps[1:])))
-    return undone >= max(6, 0.05 * len(values))
-
-
-def interleaved_seconds(received: NDArray[np.int64], values: Floats) -> int:
-    """How many seconds of a recording have joint angles of two robots; 0 where they are too few to be sure.
-
-    Args:
-        received: when each sample was recorded, (n,), ns.
-        values: joint angles in that order, (n, 2), rad.
-    """
-    edges = np.flatnonzero(np.diff(received // SECOND)) + 1
-    number = sum(map(is_interleaved, np.split(values, edges)))
-    return number if number >= 3 else 0  # messages out of order do not last
 
 
 NAMES = {SensorFrame.BASE: ('base_link', 'base', 'world'), SensorFrame.TOOL: ('tool0', 'tool', 'flange', 'tcp')}
@@ -231,11 +198,11 @@ def _matrix(quaternion: Sequence[float]) -> Floats | None:
 
 
 class UnjoinedError(Exception):
-    """A message that does not fit those of the other joints; the text says why."""
+    """A message with one of q1 and q2 alone."""
 
 
 class JointParts:
-    """Joins the joint states of one topic.
+    """Adds to joint states what other messages of their topic say of the other joints.
 
     Args:
         names: of q1, q2 and the other joints.
@@ -243,70 +210,27 @@ class JointParts:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
-        # 5 s at 1 kHz
-        self._waiting = tuple(deque[tuple[int, float]](maxlen=5000) for _ in range(2))
         self._others = [(0, nan)] * (len(names) - 2)  # when it was received, ns, and the position
-        self._heard, self._lag, self._is_new = list[int](), [0, 0], [False, False]
-        self._stamped = list[bool]()
-
-    @property
-    def awaited(self) -> str:
-        """Name of q1 or q2, whichever was heard of longer ago."""
-        return self._names[int(self._heard[1] < self._heard[0])]
 
     def add(self, stamp: int, received: int, values: Sequence[float]) -> tuple[int, int, list[float]] | None:
         """One message.
 
         Args:
-            stamp: of its header, ns; where it is 0 the time of reception counts.
+            stamp: of its header, ns.
             received: when it came, ns.
             values: q1, q2, rad, and the other joints; NaN where the message has none.
 
         Returns:
-            Stamp of a sample, when it was received, ns, and its values; None where one of the two angles is still to
-            come. Without stamps, it was received when the earlier of the two was.
+            Stamp of the sample, when it was received, ns, and its values; None where the message has other joints
+            alone.
 
         Raises:
-            UnjoinedError: the stamps of a joint do not increase, one is silent, their clocks differ, or only one has
-                stamps.
+            UnjoinedError: it has one of q1 and q2 alone.
         """
         news = zip(self._others, values[2:], strict=True)
         self._others = [old if isnan(new) else (received, new) for old, new in news]
+        absent = sum(map(isnan, values[:2]))
+        if absent == 1:
+            raise UnjoinedError(f'{" and ".join(self._names[:2])} are not in one message')
         others = [nan if received - heard > SECOND else position for heard, position in self._others]
-        self._heard = self._heard or [received, received]
-        time, here = stamp or received, [k for k in (0, 1) if not isnan(values[k])]
-        for k in here:
-            self._heard[k], self._lag[k] = received, time - received
-        if len(here) != 1:
-            return (stamp, received, [*values[:2], *others]) if here else None
-        this, (k,) = self._waiting[here[0]], here
-        self._stamped = self._stamped or [stamp > 0] * 2
-        self._stamped[k] = stamp > 0
-        if sum(self._stamped) == 1:
-            without = self._stamped.index(False)
-            raise UnjoinedError(f'{self._names[without]} is not stamped, {self._names[1 - without]} is')
-        self._is_new[k] = not this or time > this[-1][0]
-        if not self._is_new[k]:
-            this.clear()  # a clock that was set back begins anew
-        this.append((time, values[k]))
-        if not self._is_new[k]:
-            raise UnjoinedError(f'the stamps of {self._names[k]} do not increase')
-        if received - self._heard[1 - k] > SECOND:
-            raise UnjoinedError(f'{self.awaited} is silent')
-        if all(self._waiting) and (apart := abs(self._lag[0] - self._lag[1])) > TOLERANCE:
-            differ = f'{" and ".join(self._names[:2])} differ by {apart / SECOND:.1g} s'
-            raise UnjoinedError(f'the clocks of {differ}, or one comes late')
-        common = min(each[-1][0] if each else time for each in self._waiting)
-        if not all(self._is_new) or any(each[0][0] > common for each in self._waiting):
-            return None
-        self._is_new = [False, False]
-        times = (common, received) if stamp else (0, common)
-        return *times, [*(_reading(each, common) for each in self._waiting), *others]
-
-
-def _reading(waiting: deque[tuple[int, float]], time: int) -> float:
-    """The angle at a time between the first and the last of them, rad; what is older is dropped."""
-    while len(waiting) > 1 and waiting[1][0] <= time:
-        waiting.popleft()
-    (before, angle), (after, other) = waiting[0], waiting[min(1, len(waiting) - 1)]
-    return angle + (other - angle) * (time - before) / max(after - before, 1)
+        return None if absent else (stamp, received, [*values[:2], *others])

@@ -6,14 +6,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
 from scara_kinetostatic.assessment.evidence import leverages
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
-from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
+from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -150,17 +149,3 @@ def test_the_gravest_reason_comes_first() -> None:
     found = Assessment.of(remarks, ['note'])
     assert (found.grade, found.reasons, found.actions) == (Grade.UNFIT, ('a', 'b', 'c', 'note'), ('y', 'x'))
     assert found.headline == 'unfit: a'
-
-
-@pytest.mark.parametrize(
-    ('value', 'unit', 'text'), [(9.43e-4, 'm', '943 µm'), (-1.2e-5, 'm/N', '-12 µm/N'), (3.14e-3, 'm', '3.1 mm')]
-)
-def test_quantities(value: float, unit: str, text: str) -> None:
-    assert quantity(value, unit) == text
-
-
-def test_effects_of_the_cell_description_say_what_to_correct() -> None:
-    position, radius = ObjectPosition.of(1, 'disc_2'), ObjectRadius.of(0, 'disc_1')
-    found = position.correction({'x': 7.5e-5, 'y': -3.8e-5})
-    assert found == 'measure disc_2 again: it stands 75 µm further in x, 38 µm less in y'
-    assert radius.correction({'radius': -6e-5}) == 'measure the radius of disc_1 again: it is 60 µm smaller'

@@ -131,8 +131,6 @@ def test_that_no_single_measurement_is_enough_is_said(outcome: Outcome) -> None:
     ('labels', 'declared', 'wanted', 'unit', 'text'),
     [
         (('object_position[disc_2]',), 1.5e-5, 5e-6, 'm', 'measure the place of disc_2 to 5 µm'),
-        (('object_radius[a]', 'object_radius[b]'), 5e-6, 1e-6, 'm', 'measure the radius of a, b to 1 µm'),
-        (('plate_angle[a]',), 2e-3, 5e-4, 'rad', 'measure the rotation of plate a to 500 µrad'),
         (('radius',), 5e-6, 1e-6, 'm', 'measure the radius of the tip to 1 µm'),
         (('force_gain',), 0.005, 0.001, '1', 'calibrate the gain of the force sensor to 0.1 %'),
         (('nominal[l1]',), 1e-3, 2e-4, 'm', 'find out l1 to 200 µm'),

@@ -35,7 +35,6 @@ from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.errors import CellError, RecordingError
 from scara_kinetostatic.model.cell import Cell, Sensor
-from scara_kinetostatic.touches.streams import Streams
 
 
 def refused(path: Path, cell: Cell = CELL) -> str:
@@ -198,49 +197,16 @@ def test_names_that_would_disturb_a_terminal(tmp_path, streams):
     assert refused(tmp_path / 'b.mcap').isprintable()
 
 
-def parts(streams: Streams, late: int = 4_000_000, lag: int = 0) -> list[Message]:
-    """The joint states by two publishers, with joint 1 and with joint 2 later, ns, whose clock is ahead, ns."""
-    stamp, (q1, q2) = streams.joints.stamp, streams.joints.position.T
-    then = stamp + late
-    first = [
-        joint_state(*row) for row in zip(stamp.tolist(), [['joint1']] * len(q1), q1[:, None].tolist(), strict=True)
-    ]
-    angles = np.interp(then - stamp[0], stamp - stamp[0], q2)[:, None].tolist()
-    other = [joint_state(at + lag, ['joint2', 'lift'], [*q, 0.0]) for at, q in zip(then.tolist(), angles, strict=True)]
-    other = [item._replace(log_time=at) for item, at in zip(other, then.tolist(), strict=True)]
-    return sorted([*first, *other], key=lambda item: item.log_time)
-
-
-@pytest.mark.parametrize('stamped', [True, False])
-def test_joints_in_separate_messages_are_joined(tmp_path, cell, streams, stamped):
-    """Without stamps they are dated by their reception."""
-    items = parts(streams)
-    if not stamped:
-        items = [item._replace(payload=item.payload[:4] + bytes(8) + item.payload[12:]) for item in items]
-    write_mcap(tmp_path / 'a.mcap', sorted([*items, *force_messages(streams)], key=lambda item: item.log_time))
-    read = read_streams(tmp_path / 'a.mcap', cell)
-    assert not (read.warnings and stamped)
-    time, begun = read.joints.stamp - streams.joints.stamp[0], streams.joints.stamp - streams.joints.stamp[0]
-    np.testing.assert_array_equal(time, (4_000_000 if stamped else time[0]) + 12_500_000 * np.arange(299))
-    for column in (0, 1):
-        expected = np.interp(time, begun, streams.joints.position[:, column])
-        np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
-
-
-def test_joints_that_cannot_be_joined(tmp_path, cell, streams):
-    items = [*parts(streams, lag=700_000_000), *force_messages(streams)]
-    write_mcap(tmp_path / 'a.mcap', items)
-    assert 'the clocks of joint1 and joint2 differ by 0.7 s, or one comes late' in refused(tmp_path / 'a.mcap')
+def test_both_joints_have_to_be_in_one_message(tmp_path, cell, streams):
+    parts = [item for name in ('joint1', 'joint2') for item in joint_messages(streams, names=(name, 'x'))]
+    write_mcap(tmp_path / 'a.mcap', [*parts, *force_messages(streams)])
+    assert 'can be used: 600 where joint1 and joint2 are not in one message' in refused(tmp_path / 'a.mcap')
     write_mcap(tmp_path / 'b.mcap', [*joint_messages(streams, names=('joint1', 'x')), *force_messages(streams)])
     assert 'does not have joint2, only joint1, x' in refused(tmp_path / 'b.mcap')
     begun = int(streams.joints.stamp[0])
     lacking = [joint_state(begun, ['joint1', 'joint2'], [1.0]), *joint_messages(streams, names=('joint2', 'x'))]
     write_mcap(tmp_path / 'd.mcap', [*lacking, *force_messages(streams)])
     assert ', 1 without positions; check what publishes the topic' in refused(tmp_path / 'd.mcap')
-    falling_silent = [item for item in parts(streams) if b'joint2' not in item.payload or item.log_time < begun + 10**9]
-    write_mcap(tmp_path / 'c.mcap', [*falling_silent, *force_messages(streams)])
-    (warning,) = read_streams(tmp_path / 'c.mcap', cell).warnings
-    assert warning == '/joint_states: 140 messages where joint2 is silent dropped'
 
 
 def lost(path: Path) -> None:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
-import runpy
 import subprocess
 import sys
 from functools import cache
-from importlib import import_module
 from typing import Any
-from unittest.mock import Mock
 from xml.etree import ElementTree
 
 import pytest
-from docs.examples import DOCS, ROOT, pages
+from docs.examples import DOCS, ROOT
 
 import scara_kinetostatic as sk
 from benchmark.figures import FIGURES, with_figures
@@ -80,25 +77,6 @@ def test_every_node_and_public_name_has_its_place() -> None:
     nodes = (DOCS / 'reference' / 'nodes.md').read_text(encoding='utf-8')
     assert all(f'{{node-parameters}} {node}' in nodes for node in NODES)
     assert '{python-reference}' in (DOCS / 'reference' / 'python.md').read_text(encoding='utf-8')
-
-
-def test_signatures_name_type_aliases(monkeypatch: pytest.MonkeyPatch) -> None:
-    inspection = pytest.importorskip('sphinx.util.inspect')
-    monkeypatch.setattr(sys, 'path', [*sys.path])
-    aliases = runpy.run_path(str(DOCS / 'conf.py'))['autodoc_type_aliases']
-    import_module('python_reference').setup(Mock())
-    for function, part in ((sk.read_touches, 'paths: Paths'), (sk.diagnose, '| Paths,')):
-        signature = inspection.stringify_signature(inspection.signature(function, type_aliases=aliases))
-        assert part in signature and 'ForwardRef' not in signature
-
-
-def test_every_page_is_in_a_table_of_contents() -> None:
-    listed = set()
-    for page in pages():
-        for block in page.read_text(encoding='utf-8').split('```{toctree}')[1:]:
-            entries = block.split('```')[0].splitlines()
-            listed |= {(page.parent / entry).with_suffix('.md') for entry in entries if entry and entry[0] != ':'}
-    assert listed == set(pages()) - {DOCS / 'index.md'}
 
 
 def test_figures_are_stated_to_be_of_the_version_at_hand() -> None:

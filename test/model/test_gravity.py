@@ -9,7 +9,6 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic import pipeline
-from scara_kinetostatic.assessment.criteria import upside_down
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import load_predictor
@@ -170,12 +169,6 @@ def test_held_and_trusted_moments():
     assert held['s1'].status == 'fixed' and held['p1'].std < sk.calibrate(touches, CELL)['p1'].std
     trusted = replace(CELL, uncertainty=Uncertainty(nominal={'s1': 0.01}))
     assert sk.calibrate(touches, trusted)['s1'].std <= 0.0101
-
-
-def test_gravity_stated_upside_down_is_named():
-    turned = replace(CELL, nominal=CELL.nominal.replace(gravity=(-GRAVITY[0], -GRAVITY[1])))
-    outcome = sk.diagnose(sk.simulate(CELL, TRUTH, seed=3), turned)
-    assert any('upside down' in reason for reason in outcome.assessment.reasons), upside_down.__doc__
 
 
 def test_gravity_that_was_forgotten_is_named(monkeypatch):

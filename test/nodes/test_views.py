@@ -30,7 +30,7 @@ OTHERS = {'Interact', 'MoveCamera', 'Measure', 'TF', 'TopDownOrtho'}
 PANELS = {'3D', 'Plot', 'DiagnosticSummary', 'CallService'}
 GROUPS = {
     'visualizer/markers': {'objects', 'touches', 'forces', 'rejected', 'next', 'residuals', 'found', 'summary'},
-    'visualizer/arm': {'nominal', 'calibrated', 'uncertainty'},
+    'visualizer/arm': {'nominal', 'calibrated'},
     'contour_tracker/markers': {'objects', 'outlines', 'tip', 'uncertainty'},
 }
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.tip_uncertainty import Poses, tip_derivative
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -26,7 +25,6 @@ from scara_kinetostatic.report.markers import (
     object_markers,
     result_markers,
     touch_markers,
-    uncertainty_markers,
 )
 from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
@@ -124,26 +122,10 @@ def test_residuals_start_at_the_tip_of_used_touches_and_words_say_what_was_found
     assert not of('residuals', scene) and of('summary', scene)
 
 
-def test_the_uncertainty_is_that_of_the_calibration(plain: Outcome) -> None:
-    c = plain.final
-    joints = c.touches.joints[0]
-    derivative = tip_derivative(c, Poses(joints[None], c.touches.posture[:1], np.zeros((1, 2))))[0]
-    covariance = derivative @ c.covariance @ derivative.T  # without load the joints stand at Q* = Q
-    (ellipse,) = of('uncertainty', uncertainty_markers(as_document(plain), joints, SCALES), 'strip')
-    away = np.array(ellipse.points)[:, :2] - forward(c.parameters, joints)
-    expected = 2 * np.sqrt(np.linalg.eigvalsh(covariance)[-1])
-    assert np.linalg.norm(away, axis=1).max() == pytest.approx(SCALES.uncertainty * expected)
-    document = as_document(plain)
-    document['parameters'] = document['parameters'] | {'l1': document['parameters']['l1'] | {'status': 'confounded'}}
-    assert uncertainty_markers(document, joints, SCALES) == []
-
-
 @pytest.mark.parametrize('which', ['confounded', 'unnamed'])
 def test_every_kind_of_result_can_be_shown(which: str, request: pytest.FixtureRequest) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     document = json.loads(json_text(as_document(outcome)))
-    scene = result_markers(document, outcome.final.cell.discs, SCALES) + uncertainty_markers(
-        document, (0.3, 0.9), SCALES
-    )
+    scene = result_markers(document, outcome.final.cell.discs, SCALES)
     assert of('summary', scene)
     assert all(np.isfinite(item.points).all() and item.size >= 0 for item in scene)

@@ -10,7 +10,7 @@ import pytest
 from benchmark.svg import light_colours, svg_file
 from scara_kinetostatic.report import Report, Section, Table, Verdict, as_page
 from scara_kinetostatic.report.figure import SERIES, as_svg, new_figure, style
-from scara_kinetostatic.report.quantities import decimals, shown
+from scara_kinetostatic.report.quantities import shown
 
 
 def test_a_file_has_the_colours_written_in_and_no_identifiers_that_repeat() -> None:
@@ -27,14 +27,6 @@ def test_a_file_has_the_colours_written_in_and_no_identifiers_that_repeat() -> N
     assert 'var(--' not in text
     assert light_colours()[SERIES[1]] in text
     assert ElementTree.fromstring(text).get('width') == '300'
-
-
-@pytest.mark.parametrize(
-    ('std', 'expected'),
-    [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (1e-15, None), (float('nan'), None)],
-)
-def test_decimals(std: float, expected: int | None) -> None:
-    assert decimals(std) == expected
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from html import unescape
 
@@ -47,6 +48,7 @@ def test_what_is_not_determined_has_no_uncertainty(confounded: Outcome) -> None:
     assert '±' not in line
     assert '(' in line
     assert 'not determined by these data' in line
+    assert Counter(parameter_table(confounded.calibration).levels) == {'': 9, 'caution': 2, 'faint': 1}
     assert ' fixed' in next(line for line in text.splitlines() if line.startswith('l1 '))
     assert text.startswith('To be used with caution: the touches do not determine p_ee, g_ee each by itself')
     assert '9 of 11 free parameters are determined, 10 independent combinations of all (condition' in joined(confounded)
@@ -117,13 +119,6 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
     shown = text_report(outcome).split('\n\n')
     assert shown[0].startswith(' '.join(messages.answer(outcome.assessment, None).headline.split()[:3]))
     assert ' '.join(shown[1].split()).startswith(verdict.headline)
-
-
-def test_the_headline_says_what_an_effect_means(plain: Outcome) -> None:
-    found = tuple(Found(ObjectRadius.of(1, name), (), True) for name in ('d2', 'd3'))
-    headline = messages.verdict(replace(plain, diagnosis=Diagnosis('explained', 1e-9, found=found))).headline
-    which = (f'{name} has another radius than the cell description says' for name in ('d2', 'd3'))
-    assert headline == f'Model error found and corrected: {"; ".join(which)}.'
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from touches.scenes import CELL, Scene
 
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.simulation.motion import Timing, Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
@@ -56,13 +55,6 @@ def test_streams_and_touches_agree(truth, preload):
         moved = touches.press != 0
         assert np.all(np.abs(touches.press[moved]) <= np.abs(touches.approach[moved]) + 1e-5)
         np.testing.assert_allclose(touches.press[turned], touches.approach[turned], rtol=0.02, atol=2e-5)
-
-
-def test_press_without_preload_is_how_far_the_force_bends_the_joints():
-    plan = default_plan(CELL)
-    motion = Trajectory(CELL, PAPER_MEASURED, plan)
-    made = simulate_touches(CELL, PAPER_MEASURED, plan, Noise(0.0, 0.0)).press
-    np.testing.assert_allclose(made, motion.hold_joints - motion.contact_joints, atol=SMALLEST_REVERSAL)
 
 
 @pytest.mark.parametrize(

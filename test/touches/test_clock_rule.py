@@ -128,9 +128,9 @@ def test_a_computer_that_keeps_up_does_not_let_messages_wait():
         assert longest_wait(START + (seconds * SECOND).astype(np.int64)) == 0
 
 
-@pytest.mark.parametrize(('begin', 'wait'), [(10.0, 0.5), (10.0, 3.0)])
-def test_what_waited_is_seen_by_the_times_of_reception(begin, wait):
-    seconds = 0.01 * np.arange(4000)
+@pytest.mark.parametrize('wait', [0.5, 3.0])
+def test_what_waited_is_seen_by_the_times_of_reception(wait):
+    seconds, begin = 0.01 * np.arange(4000), 10.0
     late = np.where((seconds >= begin) & (seconds < begin + wait), begin + wait, seconds)
     found = longest_wait(START + (late * SECOND).astype(np.int64))
     assert found == pytest.approx(wait * SECOND, rel=0.1, abs=0.3 * SECOND)
@@ -214,20 +214,6 @@ def test_a_step_is_refused_live_and_touches_before_it_stay(step):
     assert 'record in one run' in detector.clock_warning
 
 
-@pytest.mark.parametrize('offset', [-2.0, 0.0, 1.5])
-def test_a_stated_offset_is_added_and_nothing_compared(offset):
-    """Also where the recording times are shifted as the stamps are, or the bag was played fast."""
-    shift = round(offset * SECOND)
-    for pace in (1, 5):
-        topics = [
-            topic._replace(log_time=START + (topic.stamp - START) // pace) for topic in topics_of(STREAMS, 0, -shift)
-        ]
-        warnings: list[str] = []
-        found = offline(topics, warnings, offset).touches
-        np.testing.assert_allclose(found.force, TRUE.force, rtol=0, atol=1e-9)
-        assert warnings == []
-
-
 def test_memory_of_the_load_and_clocks_outlive_a_restart():
     topics, detector = topics_of(STREAMS, wrench=-20 * SECOND), OnlineDetector(CELL, topics=TOPICS)
     answers = feed(detector, [topic.select(slice(0, len(topic.stamp) // 2)) for topic in topics])
@@ -239,10 +225,3 @@ def test_memory_of_the_load_and_clocks_outlive_a_restart():
     assert detector.finish().found
     assert moved < detector._memory.stamp < START + 60 * SECOND
     assert 'differ by 20 s' in detector.clock_warning
-
-
-def test_a_long_recording_without_stamps_of_the_forces_is_found_live():
-    """Longer than what is kept."""
-    _, answers = live(topics_of(STREAMS, wrench=None))
-    assert sum(len(answer.touches) for answer in answers) == len(TRUE)
-    assert sum(bool(answer.found) for answer in answers) >= len(TRUE) - 1

@@ -14,7 +14,7 @@ from scara_kinetostatic.simulation.motion import Timing
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.streams import JointStream, WrenchStream
+from scara_kinetostatic.touches.streams import WrenchStream
 
 PLAN = default_plan(CELL)
 WRONG = PAPER_MEASURED.replace(x0=0.02, y0=-0.02, theta1=0.052, theta2=-0.052, l1=0.34, l2=0.32)
@@ -160,29 +160,12 @@ def test_stamps_out_of_order_and_repeated():
     np.testing.assert_array_equal(find_touches(mixed, CELL).touches.force, expected.force)
 
 
-def test_samples_in_bursts():
-    streams = simulate_streams(CELL, PAPER_ACTUAL, PLAN, sensors=SensorModel(wrench_rate=400.0))
-    late = streams.wrench.stamp // 40_000_000 * 40_000_000 + np.arange(len(streams.wrench.stamp)) % 64 * 1000
-    bursts = WrenchStream(np.maximum.accumulate(late), streams.wrench.force)
-    detection = find_touches(replace(streams, wrench=bursts), CELL)
-    assert detection.found == len(PLAN)
-    np.testing.assert_allclose(detection.touches.force, simulate_touches(CELL, PAPER_ACTUAL, PLAN).force, atol=0.05)
-
-
 def test_topics_on_different_clocks():
     streams = Scene().touches(3).streams()
     apart = WrenchStream(streams.wrench.stamp + 10**15, streams.wrench.force)
     detection = find_touches(replace(streams, wrench=apart), CELL)
     assert len(detection.touches) == 0
     assert any('0.0 s in common' in warning for warning in detection.warnings)
-
-
-def test_hardly_any_sample_and_a_single_touch():
-    streams = Scene().touch(1, 60, 10.0).streams()
-    for count in (0, 1):
-        none = JointStream(np.arange(count), np.zeros((count, 2)))
-        assert find_touches(replace(streams, joints=none), CELL).found == 0
-    assert find_touches(streams, CELL).touches.disc.tolist() == [1]
 
 
 def test_another_sign_is_said():

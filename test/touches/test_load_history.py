@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touches.scenes import CELL, START, TOOL_REACTION, Scene, feed, topics_of
+from touches.scenes import CELL, TOOL_REACTION, Scene, feed, topics_of
 
 from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -16,9 +16,8 @@ from scara_kinetostatic.model.touch import TouchSet, torques_of
 from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
-from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.load_history import LoadMemory, nested_extremes
+from scara_kinetostatic.touches.load_history import nested_extremes
 from scara_kinetostatic.touches.online import OnlineDetector
 
 WIDTHS = np.concatenate([[0.0], np.geomspace(0.01, 40.0, 60)])
@@ -181,28 +180,6 @@ def test_a_contact_without_free_motion_before_it_counts():
     np.testing.assert_allclose(forces, [40.0, 0.0], rtol=0.01)
 
 
-def test_few_turns_of_many_touches():
-    plan = default_plan(CELL, per_disc=30, preload=0.3)
-    streams = simulate_streams(CELL, PAPER_MEASURED, plan, sensors=SensorModel(joint_rate=40, wrench_rate=50))
-    assert find_touches(streams, CELL).touches.history.shape[1] <= 24
-
-
-def test_a_bound_drops_what_small_plays_alone_remember(monkeypatch):
-    scene = Scene()
-    for number in range(24):  # ever smaller loads of alternate sense
-        scene.touch(*((0, 60) if number % 2 else (0, -60)), 40.0 - 1.5 * number, hold=0.25)
-    streams = scene.streams(rates=(40.0, 50.0))
-    whole = find_touches(streams, CELL)
-    monkeypatch.setattr(load_history, 'MOST_TURNS', 12)
-    bounded = find_touches(streams, CELL)
-    assert max(len(memory.turns) for memory in whole.memories) > 20
-    assert max(len(memory.turns) for memory in bounded.memories) == 12
-    off = np.abs(remembered(CELL, bounded.touches) - remembered(CELL, whole.touches))
-    swing = np.ptp(torques_of(CELL.nominal, whole.touches.history[-1, 10:]), axis=0)
-    assert off.max() > 0.1
-    assert off[..., swing.max() < 2.0 * WIDTHS].max() == 0.0
-
-
 def test_online_history_is_that_of_the_whole_recording(cell=TOOL_REACTION):
     plan = default_plan(cell, per_disc=4, preload=0.3)
     streams = simulate_streams(cell, PAPER_MEASURED, plan, seed=4)
@@ -212,13 +189,3 @@ def test_online_history_is_that_of_the_whole_recording(cell=TOOL_REACTION):
     online = TouchSet.concatenate([answer.touches for answer in [*answers, detector.finish()] if answer.found])
     np.testing.assert_array_equal(online.index, offline.index)
     np.testing.assert_allclose(remembered(cell, online), remembered(cell, offline), rtol=0, atol=0.01)
-
-
-def test_earlier_memory_goes_on():
-    scene = Scene().touch(0, 40, 40.0).touch(0, 40, 20.0)
-    whole = find_touches(scene.streams(noise=0.0), CELL)
-    memory = whole.memories[0]
-    assert memory.stamp > START
-    second = find_touches(scene.streams(noise=0.0), CELL, memory)
-    np.testing.assert_array_equal(second.touches.history[1], whole.touches.history[1])
-    assert find_touches(scene.streams(noise=0.0), CELL, LoadMemory()).touches.history.shape == (2, 2, 4)
