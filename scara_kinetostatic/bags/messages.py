@@ -197,7 +197,10 @@ class Source:
     Attributes:
         path: as given.
         warnings: what is damaged and how it was dealt with; complete once `batches` is exhausted.
+        cut_off: that of the warnings which says that the recording ends amid its data; empty where it does not.
     """
+
+    cut_off = ''
 
     def __init__(self, path: Path, budget: Budget) -> None:
         self.path, self._budget = path, budget

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effect = 'an effect beyond the parameters, SI; repeatable'
     add_options(
         parser,
-        ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap or .bag; must not exist'),
+        ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
         ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
         ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, effect, SEVERAL),
         ('--list-effects', '', bool, 'list the effects of the cell with their parameters, and stop'),
@@ -53,8 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_options(
         parser.add_argument_group('form of the recording'),
-        ('--storage', '', ('mcap', 'sqlite3'), 'of a folder (default: mcap)', {'default': 'mcap'}),
-        ('--compression', '', ('zstd',), 'of a folder (default: none)'),
+        ('--compression', '', ('zstd',), 'of its chunks (default: none)'),
         ('--plain', '', bool, 'the two topics only, as `ros2 bag record` writes them; no cell description'),
     )
 
@@ -109,8 +108,7 @@ def run(args: argparse.Namespace) -> None:
             workshop = together.enter_context(all_or_nothing(args.truth_file))
             (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
         streams = simulate_streams(cell, truth, plan, sensors=sensors, seed=args.seed)
-        form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
-        write_streams(args.out, streams, cell, **form)
+        write_streams(args.out, streams, cell, compression=args.compression, with_cell=not args.plain)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
     what = count(len(plan), *(('slide',) if isinstance(plan, tuple) else ('touch', 'touches')))
     print(f'{args.out}: {what} in {duration:.0f} s of simulated time')
