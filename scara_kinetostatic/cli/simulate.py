@@ -30,7 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
         ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
         ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, effect, SEVERAL),
-        ('--list-effects', '', bool, 'list the effects of the cell with their parameters, and stop'),
         ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
     )
     add_cell(parser)
@@ -66,17 +65,6 @@ def run(args: argparse.Namespace) -> None:
             or cannot be written.
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
-    if args.list_effects:
-        from scara_kinetostatic.effects.registry import catalogue
-        from scara_kinetostatic.report import Table
-
-        listed = tuple(
-            (effect.label if number == 0 else '', p.name, p.unit, p.meaning)
-            for effect in catalogue(cell_or_paper(args.cell))
-            for number, p in enumerate(effect.parameters)
-        )
-        print(Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, listed).text())
-        return
     if args.out is None:
         raise InputError('--out', 'is missing', 'name the recording to make')
     given = {name: getattr(args, name) for name in ('per_disc', 'levels', 'preload')}

@@ -175,7 +175,7 @@ class Table:
         """The values of the columns.
 
         Raises:
-            RecordingError: a row is wrong; it names the line and the column, and the lines of others.
+            RecordingError: a row is wrong; it names the line and the column, and how many others are wrong.
         """
         values: dict[str, list[Any]] = {name: [] for name in places}
         wrong: list[tuple[int, str]] = []
@@ -190,9 +190,7 @@ class Table:
                 wrong.append((line, str(error)))
         if wrong:
             (line, problem), *others = wrong
-            also = f'; also wrong: line{"s" * (len(others) > 1)} ' if others else ''
-            also += ', '.join(str(number) for number, _ in others[:5])
-            also += f' and {len(others) - 5} more' if len(others) > 5 else ''
+            also = f'; wrong rows besides: {len(others)}' if others else ''
             remedy = 'correct the table, or begin the line with # to leave it out'
             raise RecordingError(self.source, f'line {line}: {problem}{also}', remedy)
         numbers = {name: np.array(column) for name, column in values.items() if places[name].column.parse is None}
@@ -251,7 +249,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 
 def load_table(path: Path, example: str) -> Table:
-    """Read a CSV file: UTF-8, UTF-16 with its mark, or Latin-1.
+    """Read a CSV file: UTF-8 or Latin-1.
 
     Args:
         path: the file.
@@ -277,14 +275,11 @@ def load_table(path: Path, example: str) -> Table:
 def _decoded(data: bytes, path: Path) -> str:
     if data[:2] == b'PK' or data[:4] == b'\xd0\xcf\x11\xe0':
         raise RecordingError(path, 'expected CSV, got a spreadsheet', 'save it as CSV')
-    utf16 = data[:2] in (b'\xff\xfe', b'\xfe\xff')
-    if b'\x00' in data and not utf16:
-        raise RecordingError(path, 'expected CSV text, got binary data', 'save the table as CSV')
+    if b'\x00' in data:
+        raise RecordingError(path, 'expected CSV text, got binary data', 'save the table as CSV UTF-8')
     try:
-        return data.decode('utf-16' if utf16 else 'utf-8-sig')
-    except UnicodeDecodeError as error:
-        if utf16:
-            raise RecordingError(path, 'not UTF-16 text as it begins', 'save it as CSV UTF-8') from error
+        return data.decode('utf-8-sig')
+    except UnicodeDecodeError:
         return data.decode('latin-1')  # old spreadsheets; µ is the only letter that matters
 
 

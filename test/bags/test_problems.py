@@ -57,7 +57,7 @@ def refused(path: Path, cell: Cell = CELL) -> str:
         ('wrong_serialization_mcap', 'it has /test_topic (test_msgs/msg/BasicTypes)'),
         ('wrong_serialization_sqlite3', 'it has /array_topic (test_msgs/msg/Arrays)'),
         ('empty-file.bag', 'the file is empty'),
-        ('no-messages.bag', 'the recording has no topics'),
+        ('no-messages.bag', 'has no topic /joint_states; it has nothing: record'),
         ('example-unsorted-chunks.bag', 'it has /foo (std_msgs/msg/String)'),
     ],
 )
@@ -164,13 +164,13 @@ NOT_JOINTS = {'names': ('shoulder', 'elbow')}
         ),
         (
             messages, {}, SWAPPED,
-            [f'topic /wrench carries {WRENCH_STAMPED}, expected {JOINT_STATE}', 'put that into sensor.joint_states'],
+            [f'topic /wrench carries {WRENCH_STAMPED} (cdr), expected {JOINT_STATE} (cdr)', 'into sensor.joint_states'],
         ),
         (lambda s: joint_messages(s)[:1], {}, CELL, ['has no topic /wrench']),
         (lambda s: force_messages(s)[:1], {}, CELL, ['has no topic /joint_states']),
         (
             messages, {'encoding': 'wrong_format'}, CELL,
-            ["topic /joint_states is serialized as 'wrong_format', expected cdr"],
+            [f'topic /joint_states carries {JOINT_STATE} (wrong_format), expected {JOINT_STATE} (cdr)'],
         ),
         (
             lambda s: [*joint_messages(s, **NOT_JOINTS), *force_messages(s)], {}, CELL,

@@ -118,7 +118,7 @@ def test_senseless_plan_or_truth(run, tmp_path, option, text, word):
         (('calibrate', 'a', '--fix', 'g1=16'), 'angles are in rad, not degrees'),
         (('calibrate', 'a', '--fix', 'p1=10'), '--fix p1=10: expected at most 1 rad/Nm'),
         (('--bogus',), '--bogus'),
-        (('calibrat', 'a'), "did you mean 'calibrate'?"),
+        (('calibrat', 'a'), "invalid choice: 'calibrat'"),
         (('simulate',), '--out'),
         (('simulate', '--out', 'x', '--seed', '-1'), '--seed'),
         (('simulate', '--out', 'x', '--levels', '0'), '--levels'),
