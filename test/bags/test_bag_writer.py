@@ -124,32 +124,6 @@ def test_several_threads(tmp_path, streams):
     assert_same(read_streams(tmp_path / 'run', CELL), streams)
 
 
-def test_reading_while_writing(tmp_path, streams):
-    """Checkpoints while the folder is read: everything up to the last checkpoint is found."""
-    folder, items = tmp_path / 'run', messages(streams)
-    bag = BagWriter(folder, CELL, log_time=0)
-    write(bag, items[:20])
-    bag.checkpoint()
-
-    def work() -> None:
-        for start in range(20, 640, 20):
-            write(bag, items[start : start + 20])
-            bag.checkpoint()
-        bag.close()
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    reads = 0
-    while thread.is_alive() or reads < 3:
-        secured = bag.recorded
-        read = read_streams(folder, CELL)
-        assert samples(read) >= secured
-        assert embedded_cell(folder) == CELL
-        reads += 1
-    thread.join()
-    assert_same(read_streams(folder, CELL), streams)
-
-
 @pytest.mark.parametrize('calls', range(3))
 def test_the_disk_is_full(tmp_path, streams, calls, monkeypatch):
     """At whatever point of a checkpoint: the one before stays, one line says why, nothing more is taken."""

@@ -23,7 +23,6 @@ from bags.forms import (
     record,
     spoil,
     write_mcap,
-    write_rosbag2,
     write_split,
 )
 from mcap.writer import CompressionType
@@ -136,15 +135,6 @@ def test_topics_that_were_remapped_while_recording(tmp_path, streams, cell):
     assert read.topics == ('/arm/state', '/ft')
     other = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/arm/state', '/wrench'))
     assert f'{WRENCH_STAMPED} is on /ft: put that into sensor.wrench' in refused(tmp_path / 'bag', other)
-
-
-def test_two_types_on_one_topic(tmp_path, cell, streams):
-    """As `ros2 topic pub` with a slip; the right one is read."""
-    odd = Message('/wrench', 'geometry_msgs/msg/Wrench', int(streams.wrench.stamp[0]), b'\0\1\0\0' + bytes(48))
-    write_rosbag2(tmp_path / 'bag', [odd])
-    write_split(tmp_path / 'both', [[odd], messages(streams)])
-    assert_same(read_streams(tmp_path / 'both', cell), streams)
-    assert 'no topic /joint_states' in refused(tmp_path / 'bag')
 
 
 def of_topic(items: list[Message], name: str) -> list[Message]:
@@ -343,16 +333,6 @@ def test_metadata_that_would_take_all_time(tmp_path, cell, streams, head, warnin
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
     assert list(read.warnings) == warnings
-
-
-def test_a_file_that_is_listed_twice_is_read_once(tmp_path, cell, streams):
-    write_streams(tmp_path / 'bag', streams, cell)
-    (tmp_path / 'bag/metadata.yaml').write_text(
-        'rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap, bag_0.mcap], topics_with_message_count: []}'
-    )
-    read = read_streams(tmp_path / 'bag', cell)
-    assert_same(read, streams)
-    assert read.warnings == ()
 
 
 def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path, streams):

@@ -17,6 +17,7 @@ from scara_kinetostatic.files.atomic import recording_checksum
 from scara_kinetostatic.results import write
 from scara_kinetostatic.results.write import write_results
 
+DATE = datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)
 FILES = {'calibration.yaml', 'calibration.json', 'report.html', 'residuals.csv'}
 
 
@@ -38,11 +39,11 @@ def test_three_files_in_a_new_folder(plain: Outcome, tmp_path: Path) -> None:
     assert files.document.stat().st_mode == (tmp_path / 'usual').stat().st_mode
 
 
-def test_a_former_result_is_replaced_and_the_rest_stays(plain: Outcome, confounded: Outcome, tmp_path: Path) -> None:
+def test_a_former_result_is_replaced_and_the_rest_stays(plain: Outcome, tmp_path: Path) -> None:
     (tmp_path / 'notes.txt').write_text('mine')
     write_results(plain, tmp_path)
     before = (tmp_path / 'calibration.json').read_text(encoding='utf-8')
-    write_results(confounded, tmp_path)
+    write_results(replace(plain, created=DATE), tmp_path)
     assert (tmp_path / 'calibration.json').read_text(encoding='utf-8') != before
     assert (tmp_path / 'notes.txt').read_text() == 'mine'
     assert FILES | {'notes.txt'} < names(tmp_path)
@@ -50,7 +51,7 @@ def test_a_former_result_is_replaced_and_the_rest_stays(plain: Outcome, confound
 
 @pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'), KeyboardInterrupt()])
 def test_a_failure_half_way_leaves_everything_as_it_was(
-    plain: Outcome, confounded: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException
+    plain: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException
 ) -> None:
     """Of the fourth of the files that are to be replaced."""
     write_results(plain, tmp_path)
@@ -65,7 +66,7 @@ def test_a_failure_half_way_leaves_everything_as_it_was(
 
     monkeypatch.setattr(os, 'fsync', breaks_off)
     with pytest.raises(OutputError if isinstance(failure, OSError) else KeyboardInterrupt):
-        write_results(confounded, tmp_path)
+        write_results(replace(plain, created=DATE), tmp_path)
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
 
 
@@ -87,11 +88,11 @@ def test_a_folder_where_a_file_should_be(plain: Outcome, tmp_path: Path) -> None
     assert (tmp_path / 'calibration.json').is_symlink()
 
 
-def test_an_earlier_result_is_kept_under_its_date(plain: Outcome, confounded: Outcome, tmp_path: Path) -> None:
-    first = write_results(replace(plain, created=datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)), tmp_path)
+def test_an_earlier_result_is_kept_under_its_date(plain: Outcome, tmp_path: Path) -> None:
+    first = write_results(replace(plain, created=DATE), tmp_path)
     assert (first.kept, first.note) == ((), '')
     before = {path.name: path.read_bytes() for path in first.paths}
-    second = write_results(confounded, tmp_path)
+    second = write_results(plain, tmp_path)
     dated = {name: name.replace('.', '_2026-11-21T14-03-22Z.') for name in FILES}
     assert {path.name for path in second.kept} == set(dated.values())
     assert {name: (tmp_path / kept).read_bytes() for name, kept in dated.items()} == before

@@ -33,7 +33,7 @@ def same(one: CalibratedArm, other: CalibratedArm) -> None:
         assert getattr(one, name) == getattr(other, name), name
 
 
-@pytest.mark.parametrize('which', ['plain', 'confounded', 'grown', 'unnamed'])
+@pytest.mark.parametrize('which', ['plain', 'confounded'])
 def test_the_file_holds_the_arm(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     arm = CalibratedArm.of_outcome(outcome)

@@ -121,7 +121,7 @@ def test_times_and_last_movements_are_converted_too():
         ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is too large to be plausible; name it q2_deg'),
         (['q1 (deg),q2_rad,fx_N,fy_N', '2e3,1,3,4'], 'line 2: q1 (deg): 2e3 is too large to be plausible; check'),
         ([HEADING, '1,2,1e9,4'], 'line 2: fx_N: 1e9 is too large to be plausible; check the unit'),
-        ([HEADING, 'a,2,3,4', ROW, 'b,1,1,1', '1,1,1,c'], "line 2: q1_rad: expected a number, got 'a'; wrong rows besides: 2"),
+        ([HEADING, 'a,2,3,4', ROW, 'b,1,1,1', '1,1,1,c'], "line 2: q1_rad: expected a number, got 'a'; wrong row"),
         ([HEADING + ',time_s', ROW + ',1', ROW + ','], 'time_s: some cells are empty; give the time of every touch'),
         ([HEADING + ',object', ROW + ',"disc'], 'line 2: not CSV'),
     ],

@@ -36,8 +36,8 @@ def into(arm: CalibratedArm, content: bytes, path: Path) -> tuple[str, list[str]
 
 
 def largest_miss(urdf: str, arm: CalibratedArm, case: Case) -> float:
-    """Of the tip of a URDF from H(L, Q), at 60 poses, m."""
-    readings, tree = np.random.default_rng(3).uniform(-3, 3, (60, 2)), Tree(urdf)
+    """Of the tip of a URDF from H(L, Q), at 20 poses, m."""
+    readings, tree = np.random.default_rng(3).uniform(-3, 3, (20, 2)), Tree(urdf)
     held, p = dict(arm.cell.hold), arm.model.parameters
     tips = [tree.frame(case.tip, held | dict(zip(case.joints, pair, strict=True)))[1] for pair in readings.tolist()]
     off = arm.cell.plane.in_plane(np.array(tips))[:, :2] - forward(p, arm.cell.angles(readings))
