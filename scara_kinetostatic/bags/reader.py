@@ -32,7 +32,6 @@ from scara_kinetostatic.bags.messages import (
     Source,
     Topic,
     batched,
-    printable,
     reading,
     unpack,
 )
@@ -227,7 +226,7 @@ def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
 
 def _some(names: list[str], most: int = 8) -> str:
     more = f' and {len(names) - most} more' if len(names) > most else ''
-    return printable(', '.join(names[:most]) or 'nothing') + more
+    return (', '.join(names[:most]) or 'nothing') + more
 
 
 def _cell_topics(path: str | Path, topics: Sequence[Topic], sensor: Sensor) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Files on the disk: written completely or not at all, and told by their checksums.
+"""Files on the disk: read within a limit, written completely or not at all, and told by their checksums.
 
 **Atomic writing.** A new file or folder, or a replaced file, appears completely or not at all.
 
@@ -176,6 +176,34 @@ def _appear(made: Path, path: Path) -> None:
 
 def _exists(path: Path) -> OutputError:
     return OutputError(path, 'exists already and is never overwritten', 'choose another name')
+
+
+def read_file(path: str | Path, problem: type[InputError], most: int, what: str) -> bytes:
+    """The content of a file that a user names.
+
+    Args:
+        path: the file.
+        problem: error class to raise.
+        most: largest size, bytes.
+        what: it is expected to hold, for the message.
+
+    Raises:
+        problem: no such file, no regular file, too large, or unreadable.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            raise problem(path, 'there is no such file', 'check the path')
+        if not path.is_file():
+            raise problem(
+                path, f'expected a file of {what}, got ' + ('a folder' if path.is_dir() else 'something else')
+            )
+        if (size := path.stat().st_size) > most:
+            raise problem(path, f'expected at most {most >> 10} KiB of {what}, got {size} bytes')
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # a ValueError: a path with a null character
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise problem(path, f'cannot be read: {reason}', 'check the path') from error
 
 
 def recording_checksum(path: str | Path) -> str:

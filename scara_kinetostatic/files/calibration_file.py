@@ -25,6 +25,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Undetected
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
+from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
@@ -136,18 +137,11 @@ def read_document(path: Path) -> Any:
     Raises:
         CalibrationFileError: the file cannot be read, or is no JSON.
     """
+    content = read_file(path, CalibrationFileError, _MAX_BYTES, 'JSON')
     try:
-        if path.is_dir():
-            raise CalibrationFileError(path, 'is a folder', f'give {path / "calibration.json"}')
-        if path.stat().st_size > _MAX_BYTES:
-            raise CalibrationFileError(path, f'expected at most {_MAX_BYTES >> 20} MiB', _REMEDY)
-        text = path.read_text(encoding='utf-8-sig')
+        return parse_document(content.decode('utf-8-sig'), path)
     except UnicodeDecodeError as error:
         raise CalibrationFileError(path, f'not UTF-8 text (byte {error.start})', _REMEDY) from error
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or error
-        raise CalibrationFileError(path, f'cannot be read: {reason}', _REMEDY) from error
-    return parse_document(text, path)
 
 
 def is_readable(text: str) -> bool:

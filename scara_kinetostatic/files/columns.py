@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.model.arrays import Floats
 
 MAX_BYTES = 64 * 2**20
@@ -258,18 +259,7 @@ def load_table(path: Path, example: str) -> Table:
     Raises:
         RecordingError: the file cannot be read, is too large, is no text, or has no heading or no rows.
     """
-    try:
-        if not path.exists():
-            raise RecordingError(path, 'there is no such file', 'check the path')
-        if not path.is_file():
-            raise RecordingError(path, 'expected a CSV file, got ' + ('a folder' if path.is_dir() else 'no file'))
-        if (size := path.stat().st_size) > MAX_BYTES:
-            raise RecordingError(path, f'expected at most {MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
-        return parse_table(_decoded(path.read_bytes(), path), str(path), example)
-    except OSError as error:
-        raise RecordingError(path, f'cannot be read: {error.strerror or error}', 'check the file') from error
-    except ValueError as error:  # a path with a null character
-        raise RecordingError(repr(str(path)), f'cannot be read: {error}', 'check the path') from error
+    return parse_table(_decoded(read_file(path, RecordingError, MAX_BYTES, 'CSV'), path), str(path), example)
 
 
 def _decoded(data: bytes, path: Path) -> str:

@@ -194,8 +194,8 @@ def test_wrong_places(run, result, verb):
         ((calibration, 't.csv', '--out', 'x.txt'), 'ends in .csv'),
         ((calibration, 't.csv', '--out', '.'), 'is a folder'),
         ((calibration, 'none.csv', '--out', 'x.csv'), 'no such file'),
-        (('none.json', 't.csv', '--out', 'x.csv'), 'cannot be read'),
-        ((result, 't.csv', '--out', 'x.csv'), 'calibration.json'),
+        (('none.json', 't.csv', '--out', 'x.csv'), 'no such file'),
+        ((result, 't.csv', '--out', 'x.csv'), 'expected a file of JSON, got a folder'),
         ((result / 'report.html', 't.csv', '--out', 'x.csv'), 'not JSON'),
         ((calibration, 't.csv'), '--out'),
     ):
