@@ -311,28 +311,16 @@ def test_compression_bombs_are_refused(tmp_path, streams):
     assert 'a chunk of 4398046511104 bytes, expected at most' in refused(tmp_path / 'a.mcap')
 
 
-@pytest.mark.parametrize(
-    ('head', 'warnings'),
-    [
-        (
-            'a0: &a0 {x: 1}\n' + ''.join(f'a{n + 1}: &a{n + 1} {{<<: [*a{n}, *a{n}]}}\n' for n in range(40)),
-            [
-                'metadata.yaml cannot be read (line 1: anchors and aliases are not allowed): '
-                'all files of the folder were read, in order'
-            ],
-        ),
-        ('big: ' + ':'.join(200_000 * ['59']) + '\n', []),
-    ],
-    ids=['merged', 'sexagesimal'],
-)
-def test_metadata_that_would_take_all_time(tmp_path, cell, streams, head, warnings):
+def test_metadata_that_would_take_all_time(tmp_path, cell, streams):
     """By the same loader as that of a cell description, whose tests have what else it refuses."""
+    head = 'a0: &a0 {x: 1}\n' + ''.join(f'a{n + 1}: &a{n + 1} {{<<: [*a{n}, *a{n}]}}\n' for n in range(40))
     write_streams(tmp_path / 'bag', streams, cell)
     metadata = tmp_path / 'bag/metadata.yaml'
     metadata.write_text(head + metadata.read_text())
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
-    assert list(read.warnings) == warnings
+    (warning,) = read.warnings
+    assert warning.startswith('metadata.yaml cannot be read (line 1: anchors and aliases are not allowed): ')
 
 
 def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path, streams):
