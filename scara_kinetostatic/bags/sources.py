@@ -106,17 +106,14 @@ class BagFolder(Source):
         self._counts: dict[str, int] = {}
         self._read_counts: Counter[str] = Counter()
         self._cut_off: list[str] = []
-        listed = self._listed_files() if (path / METADATA).exists() else None
-        if listed is None:
+        self._files = self._listed_files()
+        if not self._files:
             stored = r'[^.].*\.(mcap|db3)(\.zstd)?\Z'
-            listed = sorted((file for file in path.iterdir() if re.match(stored, file.name)), key=_natural)
-            if not listed:
-                inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
-                remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
-                raise RecordingError(path, 'no recording in this folder', remedy)
-            if not self.warnings:
-                self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
-        self._files = listed
+            self._files = sorted((file for file in path.iterdir() if re.match(stored, file.name)), key=_natural)
+        if not self._files:
+            inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
+            remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
+            raise RecordingError(path, 'no recording in this folder', remedy)
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of all files in turn."""
@@ -145,8 +142,8 @@ class BagFolder(Source):
         self.warnings += source.warnings
         self._cut_off.append(source.cut_off)
 
-    def _listed_files(self) -> list[Path] | None:
-        """The files that the metadata lists; None where there is no usable list."""
+    def _listed_files(self) -> list[Path]:
+        """The files that the metadata lists and that are there; where there are none, all are to be read in order."""
         metadata = self.path / METADATA
         try:
             if metadata.stat().st_size > 1 << 24:  # a recording of 10 000 files has 2 MB
@@ -156,16 +153,14 @@ class BagFolder(Source):
             topics = data['topics_with_message_count']
             counts = {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
         except (AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
-            reason = ' '.join(str(error).split())[:80] or type(error).__name__
+            reason = getattr(error, 'strerror', '') or ' '.join(str(error).split())[:80] or type(error).__name__
             self.warnings.append(f'{METADATA} cannot be read ({reason}): all files of the folder were read, in order')
-            return None
-        missing = [name for name in names if not (self.path / name).exists()]
-        all_missing = bool(missing) and len(missing) == len(names)
-        if missing:
-            rest = 'all files of the folder were read, in order' if all_missing else 'the others were read'
-            self.warnings.append(f'{METADATA} lists {", ".join(missing[:3])}, which is missing: {rest}')
+            return []
         self._counts = counts
-        return None if all_missing else [self.path / name for name in names if name not in missing]
+        if missing := [name for name in names if not (self.path / name).exists()]:
+            listed = f'{METADATA} lists {", ".join(missing[:3])}, which is missing'
+            self.warnings.append(f'{listed}: the files that are there were read')
+        return [self.path / name for name in names if name not in missing]
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -58,12 +58,7 @@ def all_or_nothing(path: Path) -> Iterator[Path]:
     with writing(path):
         if path.exists() or path.is_symlink():
             raise _exists(path)
-        if not path.name:
-            raise OutputError(path, 'has no name', 'give the name of a new file or folder')
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError) as error:
-            raise OutputError(path, f'{error.filename} is not a folder', 'choose another place') from error
+        path.parent.mkdir(parents=True, exist_ok=True)
         with _hidden_folder(path.parent, path.name) as hidden:
             yield hidden
             _appear(hidden / path.name, path)

@@ -244,7 +244,7 @@ def rewritten(text: str) -> Callable[[Path], None]:
 @pytest.mark.parametrize(
     ('change', 'expected'),
     [
-        (lost, 'metadata.yaml is missing'),
+        (lost, 'metadata.yaml cannot be read (No such file or directory): all files'),
         (rewritten('rosbag2_bagfile_information: ['), 'metadata.yaml cannot be read'),
         (rewritten(''), 'metadata.yaml cannot be read'),
         (rewritten('rosbag2_bagfile_information: {relative_file_paths: 3}'), 'metadata.yaml cannot be read'),

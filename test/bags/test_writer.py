@@ -67,7 +67,7 @@ def test_all_or_nothing(tmp_path, streams, name, fault, monkeypatch):
 
 def test_places_that_cannot_be_written(tmp_path, streams):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(OutputError, match='file is not a folder; choose another place'):
+    with pytest.raises(OutputError, match='file/bag: cannot be written: File exists; choose another place'):
         write_streams(tmp_path / 'file' / 'bag', streams, CELL)
     for path in ('/proc/nowhere/bag', tmp_path / 'a\0b', tmp_path / ('x' * 300)):
         with pytest.raises(OutputError):

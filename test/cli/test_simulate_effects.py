@@ -60,7 +60,7 @@ def test_truth_file_plays_the_same_again(run, tmp_path):
         (('--effect', 'object_radius[disc_2]:size=1e-4'), ('expected radius once each', 'radius (m; ')),
         (('--effect', RADIUS, '--effect', RADIUS), ('object_radius[disc_2]', 'twice')),
         (('--effect', RADIUS, '--truth-file', 'taken'), ('taken', 'exists')),
-        (('--effect', RADIUS, '--truth-file', 'taken/deeper'), ('taken', 'not a folder')),
+        (('--effect', RADIUS, '--truth-file', 'taken/deeper'), ('taken', 'cannot be written')),
     ],
 )
 def test_what_cannot_be_played_leaves_nothing(run, recordings, tmp_path, options, words):
