@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_seed, cell_or_paper, real, whole
@@ -47,8 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--noise-force', 'S', real(0), 'of the force, per touch, N (default: as the cell)'),
         ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)', {'default': 80.0}),
         ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)', {'default': 98.0}),
-        ('--frame', '', ('base', 'tool'), 'frame of the force sensor (default: as the cell)'),
-        ('--sign', '', ('on_object', 'on_robot'), 'its sign (default: as the cell)'),
     )
     add_options(
         parser.add_argument_group('form of the recording'),
@@ -74,7 +71,6 @@ def run(args: argparse.Namespace) -> None:
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
-    from scara_kinetostatic.model.cell import SensorFrame, SensorSign
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan
     from scara_kinetostatic.simulation.plan_file import load_planned
@@ -82,9 +78,6 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
     cell = cell_or_paper(args.cell)
-    sensor = cell.sensor
-    frame, sign = SensorFrame(args.frame or sensor.frame), SensorSign(args.sign or sensor.sign)
-    cell = replace(cell, sensor=sensor._replace(frame=frame, sign=sign))
     levels = {'joint': args.noise_joint, 'force': args.noise_force}
     levels = {name: level for name, level in levels.items() if level is not None}
     noise = (cell.noise or TYPICAL_NOISE)._replace(**levels)

@@ -101,10 +101,6 @@ def test_simulate_is_repeatable_and_follows_its_options(run, recordings, tmp_pat
     first = simulate('a.mcap', '--seed', 4)
     assert simulate('b.mcap', '--seed', 4) == first
     assert simulate('c.mcap', '--seed', 5) != first
-    simulate('d.mcap', '--frame', 'tool', '--sign', 'on_robot')
-    cell = embedded_cell(tmp_path / 'd.mcap')
-    assert cell is not None
-    assert (cell.sensor.frame.value, cell.sensor.sign.value) == ('tool', 'on_robot')
     simulate('e.mcap', '--plain')
     assert embedded_cell(tmp_path / 'e.mcap') is None
 
