@@ -8,7 +8,7 @@ NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
 CLUSTER = ['dask[distributed]']  # for `recalibrate --dask`
-URDF = ['urdfdom_py', 'xacro']  # for the verb `cell` and `export --into`
+URDF = ['urdfdom_py', 'lxml', 'xacro']  # for the verb `cell` and `export --into`
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'example-robot-data']
 TEST += [*URDF, *PHYSICS, *CLUSTER]
 BENCH = [

@@ -43,6 +43,9 @@ def forms(streams: Streams, cell: Cell) -> list[Form]:
     def foreign(name: str, protected: bool, **options: Any) -> Form:
         return _made(name, protected, lambda path: _write_mcap(path, streams, cell, **options), 'bag.mcap')
 
+    def sqlite(name: str, mode: rosbag2.CompressionMode) -> Form:
+        return _made(name, False, lambda path: write_sqlite(path, streams, cell, mode), 'bag')
+
     folder = ours('MCAP folder', True)
     return [
         folder,
@@ -54,12 +57,12 @@ def forms(streams: Streams, cell: Cell) -> list[Form]:
         foreign('MCAP, zstd, without checksums', False, compression=CompressionType.ZSTD, enable_crcs=False),
         foreign('MCAP without chunks', False, compression=CompressionType.NONE, use_chunking=False),
         _made('folder that the collector left, killed', True, lambda path: _killed(path, streams, cell), 'bag'),
-        ours('SQLite', False, storage='sqlite3'),
-        _bare(ours('SQLite', False, storage='sqlite3')),
-        ours('SQLite, zstd', False, storage='sqlite3', compression='zstd'),
-        _made('SQLite, each message zstd', False, lambda path: _write_packed(path, streams, cell), 'bag'),
-        ours('ROS 1', False, 'bag.bag'),
-        _made('ROS 1, lz4', False, lambda path: _write_ros1(path, streams, cell), 'bag.bag'),
+        sqlite('SQLite', rosbag2.CompressionMode.NONE),
+        _bare(sqlite('SQLite', rosbag2.CompressionMode.NONE)),
+        sqlite('SQLite, zstd', rosbag2.CompressionMode.FILE),
+        sqlite('SQLite, each message zstd', rosbag2.CompressionMode.MESSAGE),
+        _made('ROS 1', False, lambda path: write_ros1(path, streams, cell), 'bag.bag'),
+        _made('ROS 1, lz4', False, lambda path: write_ros1(path, streams, cell, lz4=True), 'bag.bag'),
     ]
 
 
@@ -117,9 +120,10 @@ def _killed(path: Path, streams: Streams, cell: Cell) -> None:
     bag._file.discard()  # without its end
 
 
-def _write_packed(path: Path, streams: Streams, cell: Cell) -> None:
+def write_sqlite(path: Path, streams: Streams, cell: Cell, mode: rosbag2.CompressionMode) -> None:
+    """A rosbag2 folder with a database, by `rosbags`."""
     writer = rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
-    writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
     store = get_typestore(Stores.ROS2_JAZZY)
     with writer:
         connections = [writer.add_connection(item.topic, item.msgtype, typestore=store) for item in channels(cell)]
@@ -127,9 +131,11 @@ def _write_packed(path: Path, streams: Streams, cell: Cell) -> None:
             writer.write(connections[number], time, data)
 
 
-def _write_ros1(path: Path, streams: Streams, cell: Cell) -> None:
+def write_ros1(path: Path, streams: Streams, cell: Cell, *, lz4: bool = False) -> None:
+    """A bag of ROS 1, by `rosbags`."""
     writer = rosbag1.Writer(path)
-    writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+    if lz4:
+        writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
     store = get_typestore(Stores.ROS1_NOETIC)
     with writer:
         connections = [writer.add_connection(item.topic, item.msgtype, typestore=store) for item in channels(cell)]

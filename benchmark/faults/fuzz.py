@@ -95,7 +95,6 @@ def kinds(folder: Path) -> list[Kind]:
         _text('states.csv', states + '0,1;2,0;1;2\n' * 20, lambda path: _with_status(load_pose_table(path, STATES))),
         _text('calibration.json', document, load_calibration),
         _text('record.json', document, CalibrationRecord.load),
-        _text('calibration.yaml', written.parameters.read_bytes(), load_calibration),
         _text('parameters.yaml', written.parameters.read_bytes(), load_result),
         _text('history.sqlite', history.read_bytes(), _history),
         _text('readings.csv', readings, load_readings),

@@ -1,9 +1,9 @@
-"""A `.mcap` file, complete or cut off, read by the library `mcap` down to its chunks.
+"""A `.mcap` file, complete or cut off, read from its start by the library `mcap` down to its chunks.
 
-A complete file is read by its index, so that chunks without the wanted topics (camera images, say) are skipped. A
-file without an index, because its writer was killed or its end is lost, is read from the start as far as it is valid.
-Of a damaged file everything but the damaged chunks is read. Each chunk has a checksum, the index counts the messages:
-damage that changes what is read becomes a warning. The messages of a chunk become arrays, without an object for each.
+Of a file whose writer was killed, or whose end is lost, all is read up to there; of a damaged file everything but the
+damaged chunks, where the first one, which defines the topics, is whole. Chunk and file have checksums, and a complete
+file counts its messages: damage that changes what is read becomes a warning. The messages of a chunk become arrays,
+without an object for each.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from io import SEEK_END, BytesIO
+from io import BytesIO
 from pathlib import Path
 from typing import IO
 
@@ -21,10 +21,8 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
-from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
@@ -33,78 +31,39 @@ from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batc
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
 _ENTRY = 16
-"""Bytes of an index, a schema or a channel that cost as much as a record."""
+"""Bytes of statistics, a schema or a channel that cost as much as a record."""
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_READ = (Opcode.HEADER, *_DEFINITIONS, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.STATISTICS, Opcode.FOOTER)
+"""Records that are read; the others, such as the index, are skipped."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
 
 class McapFile(Source):
-    """Reads an MCAP file with messages of ROS 2.
-
-    Attributes:
-        cut_off: that of the warnings which says that the file ends amid its data; empty where it does not.
-    """
+    """An MCAP file with messages of ROS 2."""
 
     def __init__(self, path: Path, budget: Budget) -> None:
         super().__init__(path, budget)
-        self.cut_off = ''
-        self._limit = path.stat().st_size
         self._schemas: dict[int, str] = {}
-        self._read: Counter[str] = Counter()
-        self._statistics: Statistics | None = None
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
+        read, statistics = Counter[str](), list[Statistics]()
         with self.path.open('rb') as stream:
-            summary = self._summary(stream)
-            messages = self._from_start(stream, wanted) if summary is None else self._by_index(stream, summary, wanted)
-            for batch in messages:
-                self._read[batch.topic.name] += len(batch.start)
+            for batch in self._batches(stream, wanted, statistics):
+                read[batch.topic.name] += len(batch.start)
                 yield batch
-        counts = self._statistics.channel_message_counts if self._statistics and not self.warnings else {}
+        counts = statistics[0].channel_message_counts if statistics and not self.warnings else {}
         for topic in wanted if counts else ():
             expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
-            if expected != self._read[topic]:
-                stated = f'its index states {expected} messages of {topic}, read were {self._read[topic]}'
+            if expected != read[topic]:
+                stated = f'its index states {expected} messages of {topic}, read were {read[topic]}'
                 self.warnings.append(f'{self.path.name}: {stated}')
 
-    def _summary(self, stream: IO[bytes]) -> Summary | None:
-        """The index at the end of the file; None if it cannot be used."""
-        try:
-            stream.seek(-28, SEEK_END)
-            start = int.from_bytes(stream.read(8), 'little')
-            self._budget.charge(0, max(self._limit - start, 0) // _ENTRY if start else 0)
-            stream.seek(0)
-            summary = SeekingReader(stream, record_size_limit=LARGEST_MESSAGE).get_summary()
-        except _DAMAGE:
-            summary = None
-        stream.seek(0)
-        if summary is None or summary.statistics is None or not summary.channels:
-            return None
-        complete = len(summary.chunk_indexes) == summary.statistics.chunk_count
-        loose = summary.statistics.message_count and not summary.chunk_indexes
-        return summary if complete and not loose else None
-
-    def _by_index(self, stream: IO[bytes], summary: Summary, wanted: Collection[str]) -> Iterator[Batch]:
-        self._statistics = summary.statistics
-        self._define([*summary.schemas.values(), *summary.channels.values()])
-        ids = {key for key, topic in self._topics.items() if topic.name in wanted}
-        for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
-            if not index.message_index_offsets or not ids.isdisjoint(index.message_index_offsets):
-                try:
-                    stream.seek(index.chunk_start_offset)
-                    records = ReadDataStream(stream)
-                    if records.read1() != Opcode.CHUNK or records.read8() > self._limit:
-                        raise ValueError('no chunk at the place in the index')
-                    chunk = Chunk.read(records)
-                except _DAMAGE as error:
-                    self._damaged(index.chunk_start_offset, error)
-                    continue
-                yield from self._chunk(chunk, index.chunk_start_offset, wanted)
-
-    def _from_start(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
+    def _batches(self, stream: IO[bytes], wanted: Collection[str], statistics: list[Statistics]) -> Iterator[Batch]:
+        """The messages; appends what the file states of their number."""
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
         offset, ended = len(MAGIC), False
-        reader = _Records(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit)
+        reader = _Records(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self.path.stat().st_size)
         reader.budget = self._budget
         try:
             for record in reader.records:
@@ -121,7 +80,7 @@ class McapFile(Source):
                 elif isinstance(record, (Schema, Channel)):
                     self._define([record])
                 elif isinstance(record, Statistics):
-                    self._statistics = record
+                    statistics.append(record)
                 ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
@@ -173,15 +132,15 @@ class McapFile(Source):
 
 
 class _Records(StreamReader):
-    """That of `mcap`, which takes records of any length apart: they are charged before; metadata are not read."""
+    """That of `mcap`, which takes records of any length apart: they are charged before, and only some are read."""
 
     budget: Budget
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        self.budget.charge(0, 1 if opcode in (Opcode.CHUNK, Opcode.MESSAGE) else 1 + length // _ENTRY)
-        if opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+        if opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
             _check_definition(length)
-        return super()._read_record(0 if opcode == Opcode.METADATA else opcode, length)
+        self.budget.charge(0, 1 + length // _ENTRY if opcode in (*_DEFINITIONS, Opcode.STATISTICS) else 1)
+        return super()._read_record(opcode if opcode in _READ else 0, length)
 
 
 def _check_definition(length: int) -> None:
@@ -214,7 +173,7 @@ def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes],
             break
         else:
             others += 1
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            if opcode in _DEFINITIONS:
                 _check_definition(length)
                 definitions[data[at:end]] = None
         at = end

@@ -19,7 +19,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError
+from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError, one_line
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
@@ -128,7 +128,7 @@ class Topic(NamedTuple):
     @classmethod
     def of(cls, name: str, msgtype: str, encoding: str) -> Topic:
         """A topic as a file names it: old ones lack the leading slash, and `msg` in `std_msgs/msg/String`."""
-        parts = printable(msgtype).split('/')
+        parts = one_line(msgtype).split('/')
         return cls(ros_topic(name), f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else msgtype, encoding)
 
 
@@ -197,7 +197,10 @@ class Source:
     Attributes:
         path: as given.
         warnings: what is damaged and how it was dealt with; complete once `batches` is exhausted.
+        cut_off: that of the warnings which says that the recording ends amid its data; empty where it does not.
     """
+
+    cut_off = ''
 
     def __init__(self, path: Path, budget: Budget) -> None:
         self.path, self._budget = path, budget
@@ -229,17 +232,9 @@ def reading(path: str | Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
-        problem = f'cannot be read: {printable(reason[:200])}'
-        raise RecordingError(path, problem, 'check the file, or record it again') from error
-
-
-def printable(text: str) -> str:
-    """The text with U+FFFD for every character that is not printable; names in damaged files contain anything."""
-    if text.isprintable():
-        return text
-    return ''.join(letter if letter.isprintable() else '\ufffd' for letter in text)
+        raise RecordingError(path, f'cannot be read: {reason[:200]}', 'check the file, or record it again') from error
 
 
 def ros_topic(name: str) -> str:
     """The name of a topic with its leading slash (old recordings lack it)."""
-    return '/' + printable(name).lstrip('/')
+    return '/' + one_line(name).lstrip('/')

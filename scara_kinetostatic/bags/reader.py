@@ -32,7 +32,6 @@ from scara_kinetostatic.bags.messages import (
     Source,
     Topic,
     batched,
-    printable,
     reading,
     unpack,
 )
@@ -196,22 +195,16 @@ def _nothing_usable(
     if source.warnings and not decoder.dropped:
         problem = f'no message of {topic} can be read: {"; ".join(source.warnings[:2])}'
         return RecordingError(path, problem, 'copy the file again, or record again')
-    if not here:
-        if not topics:
-            return RecordingError(path, 'the recording has no topics', f'record {topic} ({msgtype})')
-        return RecordingError(path, f'the recording has no topic {topic}', _suggestion(topics, msgtype, topic))
-    if all(item.msgtype != msgtype for item in here):
-        problem = f'topic {topic} carries {here[0].msgtype}, expected {msgtype}'
+    if Topic(topic, msgtype, 'cdr') not in here:
+        problem = f'the recording has no topic {topic}'
+        if here:
+            problem = f'topic {topic} carries {here[0].msgtype} ({here[0].encoding}), expected {msgtype} (cdr)'
         return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
-    if all(item.encoding != 'cdr' for item in here):
-        return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
     if decoder.names and (missing := [name for name in cell.joint_names if name not in decoder.names]):
         problem = f'topic {topic} does not have {" and ".join(missing)}, only {_some(sorted(decoder.names))}'
         return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
-    if decoder.dropped:
-        reasons = ', '.join(f'{number} {why}' for why, number in decoder.dropped.most_common())
-        return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
-    return RecordingError(path, f'topic {topic} has no messages', 'record while the driver publishes')
+    reasons = ', '.join(f'{number} {why}' for why, number in decoder.dropped.most_common()) or 'it has none'
+    return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
 
 
 def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
@@ -224,7 +217,7 @@ def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
 
 def _some(names: list[str], most: int = 8) -> str:
     more = f' and {len(names) - most} more' if len(names) > most else ''
-    return printable(', '.join(names[:most])) + more
+    return (', '.join(names[:most]) or 'nothing') + more
 
 
 def _cell_topics(path: str | Path, topics: Sequence[Topic], sensor: Sensor) -> tuple[str, str]:

@@ -1,109 +1,124 @@
-"""A `.bag` file of ROS 1, read by `rosbags`, which also converts its messages to those of ROS 2."""
+"""A `.bag` file of ROS 1, format 2.0, read from its start; `rosbags` converts its messages to those of ROS 2.
+
+A bag is a sequence of records: a header of fields, `name=value`, and data; both, and each field, follow their length.
+Messages are inside of chunks, which may be compressed. Without checksums, damage shows where a record is no record,
+and by the numbers of chunks and messages, which the bag states. What is read once is charged once.
+"""
 
 from __future__ import annotations
 
-import heapq
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from pathlib import Path
-
-from rosbags.interfaces import Connection
-from rosbags.rosbag1 import Reader, ReaderError
-from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
+from io import BytesIO
+from typing import IO
 
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Budget, Source, Topic, batched, unpack
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batch, Batches, Source, Topic, unpack
 from scara_kinetostatic.errors import RecordingError
 
-_HEADER, _FIELD = 64, 4
-"""Bytes of a message beside its payload, and so many more cost a record."""
-
-
-class _BoundedReader(Reader):
-    """That of `rosbags`, which trusts the sizes in a file: what it unpacks and takes apart is charged."""
-
-    def __init__(self, path: Path, budget: Budget) -> None:
-        super().__init__(path)
-        self._budget = budget
-        self._ids: set[int] = set()
-
-    def read_connection(self) -> Connection:
-        """One of the connections; each has a number of its own."""
-        found = super().read_connection()
-        if found.id in self._ids:
-            raise ReaderError(f'its index has two connections of number {found.id}')
-        self._ids.add(found.id)
-        return found
-
-    def read_chunk(self) -> Chunk:
-        """The place of a chunk, with a decompressor that has a limit."""
-        assert self.bio is not None
-        begin = self.bio.tell()
-        found = super().read_chunk()
-        self._budget.charge(0, (found.datapos - begin) // _FIELD)
-        is_plain = found.decompressor is decompressors['none']
-
-        def content(data: bytes) -> bytes:
-            plain = data if is_plain else unpack(data, self._budget.largest_piece)
-            self._budget.charge(len(plain))
-            return plain
-
-        return found._replace(decompressor=content)
-
-    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """The places of a connection's messages in a chunk."""
-        assert self.bio is not None
-        begin = self.bio.tell()
-        super().read_index_data(pos, indexes)
-        self._budget.charge(0, (self.bio.tell() - begin) // 12)
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CONNECTION = b'\2', b'\3', b'\4', b'\5', b'\7'
+"""Kinds of records, field `op`."""
+_HEADER = 64
+"""Bytes of a header that cost a record."""
+_DAMAGE = (LookupError, OSError, RuntimeError, ValueError)
+_Fields = dict[bytes, bytes]
 
 
 class Ros1File(Source):
-    """A bag of format 2.0, plain or compressed chunk by chunk."""
+    """A bag, plain or compressed chunk by chunk."""
 
     def batches(self, wanted: Collection[str]) -> Batches:
-        """The messages of the wanted topics, in the order of their recording."""
-        try:
-            with _BoundedReader(self.path, self._budget) as reader:
-                for item in reader.connections:
-                    self._topics[item.id] = Topic.of(item.topic, item.msgtype, 'cdr')
-                for topic in (topic for topic in self.topics() if topic.name in wanted):
-                    connections = [item for item in reader.connections if self._topics[item.id] == topic]
-                    yield from batched(topic, self._portions(reader, connections, topic), self._budget)
-        except ReaderError as error:
-            indexed = 'index' not in str(error)
-            remedy = 'copy it or record it again' if indexed else 'copy it again, or run "rosbag reindex" on it'
-            raise RecordingError(self.path, f'the bag cannot be read: {error}', remedy) from error
+        """The messages of the wanted topics, chunk by chunk."""
+        stated, chunks = 0, 0
+        expected, read = Counter[bytes](), Counter[Topic]()
+        with self.path.open('rb') as stream:
+            if stream.readline(20) != b'#ROSBAG V2.0\n':
+                raise RecordingError(self.path, 'expected a bag of version 2.0', 'convert it by `rosbag fix`')
+            try:
+                for fields, data in self._records(stream, self.path.stat().st_size):
+                    if fields[b'op'] == _BAG:
+                        stated = _number(fields[b'chunk_count'])
+                    elif fields[b'op'] == _INDEX:
+                        expected[fields[b'conn']] += _number(fields[b'count'])
+                    elif fields[b'op'] == _CONNECTION:
+                        self._connection(fields, data)
+                    elif fields[b'op'] == _CHUNK:
+                        chunks += 1
+                        for batch in self._chunk(fields, data, wanted):
+                            read[batch.topic] += len(batch.start)
+                            yield batch
+            except _DAMAGE as error:
+                self.warnings.append(f'{self.path.name} is damaged ({error}): read up to there')
+        if self.warnings:
+            return
+        if chunks != stated:
+            self.warnings.append(f'{self.path.name} states {stated} chunks, read were {chunks}: it was not closed')
+        for topic in (topic for topic in self.topics() if topic.name in wanted):
+            number = sum(expected[key] for key, known in self._topics.items() if known == topic)
+            if number != read[topic]:
+                stated_messages = f'its index states {number} messages of {topic.name}, read were {read[topic]}'
+                self.warnings.append(f'{self.path.name}: {stated_messages}')
 
-    def _portions(
-        self, reader: _BoundedReader, connections: list[Connection], topic: Topic
-    ) -> Iterator[tuple[list[int], list[bytes]]]:
-        """The times and payloads of a topic's messages, some at a time; empty where damaged or too large."""
-        convert = ros2_types().ros1_to_cdr
-        times, payloads, size, count = list[int](), list[bytes](), 0, 0
-        places = heapq.merge(*(reader.indexes[item.id] for item in connections))
+    def _records(self, stream: IO[bytes], most: int) -> Iterator[tuple[_Fields, bytes]]:
+        """Fields and data of each record up to the end; no part is longer than `most`."""
+        while start := stream.read(4):
+            header = _part(start, stream, most)
+            yield self._fields(header), _part(stream.read(4), stream, most)
+
+    def _fields(self, header: bytes) -> _Fields:
+        self._budget.charge(0, 1 + len(header) // _HEADER)
+        found, at = _Fields(), 0
+        while at < len(header):
+            end = at + 4 + _number(header[at : at + 4])
+            name, equals, found[name] = header[at + 4 : end].partition(b'=')
+            if not equals or end > len(header):
+                raise ValueError('a header that is none')
+            at = end
+        return found
+
+    def _connection(self, fields: _Fields, data: bytes) -> None:
+        name, kind = fields[b'topic'], self._fields(data)[b'type']
+        topic = Topic.of(name.decode('utf-8', 'replace'), kind.decode('utf-8', 'replace'), 'cdr')
+        if self._topics.setdefault(fields[b'conn'], topic) != topic:
+            raise ValueError('two topics of one number')
+
+    def _chunk(self, fields: _Fields, data: bytes, wanted: Collection[str]) -> Iterator[Batch]:
+        found: dict[Topic, tuple[list[int], list[bytes]]] = {}
         try:
-            for place, (_, time, payload) in zip(places, reader.messages(connections), strict=False):
-                length = len(payload)
-                beside = reader.current_chunk[1].tell() - place.offset - length
-                if beside > _HEADER:
-                    self._budget.charge(beside, (beside - _HEADER) // _FIELD)
-                content = b''
-                if length <= LARGEST_MESSAGE:
-                    with suppress(Exception):  # rosbags raises whatever the bytes lead to
-                        content = bytes(convert(payload, topic.msgtype))
-                times.append(time)
-                payloads.append(content)
-                size += length
-                if len(times) == PORTION:
-                    self._budget.charge(size, PORTION)
-                    yield times, payloads
-                    times, payloads, size, count = [], [], 0, count + PORTION
-        except (ReaderError, AssertionError, ArithmeticError, LookupError, OSError, RuntimeError, ValueError) as error:
-            self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
-        yield times, payloads
-        count += len(times)
-        expected = sum(item.msgcount for item in connections)
-        if count != expected and not self.warnings:
-            stated = f'its index states {expected} messages of {topic.name}, read were {count}'
-            self.warnings.append(f'{self.path.name}: {stated}')
+            plain = data if fields[b'compression'] == b'none' else unpack(data, self._budget.largest_piece)
+            self._budget.charge(len(plain))
+            for head, payload in self._records(BytesIO(plain), len(plain)):
+                if head[b'op'] == _CONNECTION:
+                    self._connection(head, payload)
+                elif head[b'op'] == _MESSAGE and self._topics[head[b'conn']].name in wanted:
+                    topic = self._topics[head[b'conn']]
+                    times, payloads = found.setdefault(topic, ([], []))
+                    times.append(_number(head[b'time'][:4]) * 10**9 + _number(head[b'time'][4:]))
+                    payloads.append(_converted(payload, topic.msgtype))
+                    self._budget.charge(len(payload))
+        except _DAMAGE as error:
+            self.warnings.append(f'{self.path.name}: a chunk is damaged ({error}): messages may be missing')
+        for topic, messages in found.items():
+            yield Batch.from_payloads(topic, *messages)
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data, 'little')
+
+
+def _part(size: bytes, stream: IO[bytes], most: int) -> bytes:
+    """The bytes that follow their number."""
+    length = _number(size)
+    content = stream.read(length) if len(size) == 4 and length <= most else b''
+    if len(size) < 4 or len(content) < length:
+        raise ValueError('it ends early')
+    return content
+
+
+def _converted(payload: bytes, msgtype: str) -> bytes:
+    """A message of ROS 2; empty where it is damaged or too large."""
+    if len(payload) <= LARGEST_MESSAGE:
+        with suppress(Exception):  # rosbags raises whatever the bytes lead to
+            return bytes(ros2_types().ros1_to_cdr(payload, msgtype))
+    return b''

@@ -1,9 +1,8 @@
 """The source for a recording: a reader for its form, which its first bytes show; a folder is read file by file.
 
 A rosbag2 folder has a `metadata.yaml` and the files it lists. One whose metadata is missing or damaged is read as well,
-its files in the order of their names, with a warning. So are the
-files that follow the last listed one by their number, which a killed recorder leaves (see `writer`). That a file ends
-amid its data is no warning where all messages are there that the metadata state.
+its files in the order of their names, with a warning. That a file ends amid its data is no warning where all messages
+are there that the metadata state.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import stat
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 import zstandard
@@ -25,8 +23,6 @@ from scara_kinetostatic.files.yaml_file import parse_strings
 
 METADATA = 'metadata.yaml'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, a ROS 1 .bag, or a touch table (.csv)'
-_NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
-"""A file of a split recording, hidden and with `.part` while it is being written."""
 
 
 def open_recording(path: str | Path, budget: Budget | None = None) -> Source:
@@ -110,38 +106,25 @@ class BagFolder(Source):
         self._counts: dict[str, int] = {}
         self._read_counts: Counter[str] = Counter()
         self._cut_off: list[str] = []
-        self._entries = [entry for entry in path.iterdir() if entry.is_file()]
-        listed = self._listed_files() if (path / METADATA).exists() else None
-        if listed is None:
+        self._files = self._listed_files()
+        if not self._files:
             stored = r'[^.].*\.(mcap|db3)(\.zstd)?\Z'
-            listed = sorted((file for file in self._entries if re.match(stored, file.name)), key=_natural)
-            if not listed:
-                inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
-                remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
-                raise RecordingError(path, 'no recording in this folder', remedy)
-            if not self.warnings:
-                self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
-        self._files = listed
+            self._files = sorted((file for file in path.iterdir() if re.match(stored, file.name)), key=_natural)
+        if not self._files:
+            inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
+            remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
+            raise RecordingError(path, 'no recording in this folder', remedy)
 
     def batches(self, wanted: Collection[str]) -> Batches:
-        """The messages of all files in turn, then what left-over files add."""
+        """The messages of all files in turn."""
         for path in self._files:
             yield from self._read(path, wanted)
         lost = {topic: self._counts[topic] - self._read_counts[topic] for topic in wanted if topic in self._counts}
         if self._counts and all(number <= 0 for number in lost.values()):  # still written, or its writer was killed
             self.warnings = [text for text in self.warnings if text not in self._cut_off]
         for topic, number in lost.items():  # a database has no checksums
-            if number and not self.warnings and not any(self._cut_off):
-                more = 'more' if number > 0 else 'fewer'
-                self.warnings.append(f'{topic}: {METADATA} states {abs(number)} {more} messages than the files contain')
-        for path in self._left_over_files():
-            count = 0
-            with suppress(RecordingError), reading(path):  # that it ends early is expected
-                for batch in _open_file(path, self._budget).batches(wanted):
-                    count += len(batch.start)
-                    yield batch
-            if count:
-                self.warnings.append(f'{count} messages recovered from {path.name}, which {METADATA} does not list')
+            if number > 0 and not self.warnings:
+                self.warnings.append(f'{topic}: {METADATA} states {number} more messages than the files contain')
 
     def _read(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         try:
@@ -157,11 +140,10 @@ class BagFolder(Source):
             return
         self._topics |= {topic: topic for topic in source.topics()}
         self.warnings += source.warnings
-        if isinstance(source, McapFile):
-            self._cut_off.append(source.cut_off)
+        self._cut_off.append(source.cut_off)
 
-    def _listed_files(self) -> list[Path] | None:
-        """The files that the metadata lists; None where there is no usable list."""
+    def _listed_files(self) -> list[Path]:
+        """The files that the metadata lists and that are there; where there are none, all are to be read in order."""
         metadata = self.path / METADATA
         try:
             if metadata.stat().st_size > 1 << 24:  # a recording of 10 000 files has 2 MB
@@ -171,27 +153,16 @@ class BagFolder(Source):
             topics = data['topics_with_message_count']
             counts = {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
         except (AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
-            reason = ' '.join(str(error).split())[:80] or type(error).__name__
+            reason = getattr(error, 'strerror', '') or ' '.join(str(error).split())[:80] or type(error).__name__
             self.warnings.append(f'{METADATA} cannot be read ({reason}): all files of the folder were read, in order')
-            return None
-        missing = [name for name in names if not (self.path / name).exists()]
-        all_missing = bool(missing) and len(missing) == len(names)
-        if missing:
-            rest = 'all files of the folder were read, in order' if all_missing else 'the others were read'
-            self.warnings.append(f'{METADATA} lists {", ".join(missing[:3])}, which is missing: {rest}')
-        self._counts = counts
-        return None if all_missing else [self.path / name for name in names if name not in missing]
-
-    def _left_over_files(self) -> list[Path]:
-        """The files that follow the last listed one by their number, complete or not."""
-        last = _NUMBERED.match(self._files[-1].name) if self._files else None
-        if last is None:
             return []
-        others = ((file, _NUMBERED.match(file.name)) for file in self._entries if file not in self._files)
-        same = ((file, match) for file, match in others if match and match['stem'] == last['stem'])
-        return sorted((file for file, match in same if int(match['number']) > int(last['number'])), key=_natural)
+        self._counts = counts
+        if missing := [name for name in names if not (self.path / name).exists()]:
+            listed = f'{METADATA} lists {", ".join(missing[:3])}, which is missing'
+            self.warnings.append(f'{listed}: the files that are there were read')
+        return [self.path / name for name in names if name not in missing]
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Orders names by their numbers, `…_2` before `…_10`."""
-    return [(int(part), '') if part.isdigit() else (0, part) for part in re.split(r'([0-9]+)', path.name.lstrip('.'))]
+    return [(int(part), '') if part.isdigit() else (0, part) for part in re.split(r'([0-9]+)', path.name)]

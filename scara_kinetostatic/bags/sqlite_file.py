@@ -21,7 +21,6 @@ class SqliteFile(Source):
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their arrival."""
-        self._check_size()
         with closing(self._connect()) as database:
             self._read_topics(database)
             for key, topic in self._topics.items():
@@ -29,15 +28,6 @@ class SqliteFile(Source):
                     yield from batched(topic, self._portions(database, key, topic), self._budget)
             if not self.warnings:
                 self._check_rows(database)
-
-    def _check_size(self) -> None:
-        """Warns where the file is shorter than it states: SQLite reports missing pages only when it needs them."""
-        with self.path.open('rb') as stream:
-            head = stream.read(100)
-        page_size, pages = int.from_bytes(head[16:18], 'big'), int.from_bytes(head[28:32], 'big')
-        expected = (65536 if page_size == 1 else page_size) * pages
-        if head[24:28] == head[92:96] and self.path.stat().st_size < expected:
-            self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read up to there')
 
     def _check_rows(self, database: sqlite3.Connection) -> None:
         """Warns where the structure is damaged or a message has no topic; the format has no checksums."""

@@ -1,32 +1,29 @@
-"""Writing recordings: message by message and crash-safe, or whole streams in every form that the reader reads.
+"""Writing recordings: message by message and crash-safe, or whole streams, as MCAP.
 
 A `BagWriter` makes a rosbag2 folder, which appears in one step, with the cell description as the first message of
 `<name>_0.mcap`. `checkpoint` ends the chunk that is being filled, waits until it is on the disk and replaces
 `metadata.yaml` in one step; when it returns, everything written before is part of the recording, also after a kill or
-a power failure. A file that was not ended has no index: this package reads it from its start to its last complete
-chunk; `mcap recover` adds the index. A file is ended at `SPLIT_SIZE`, and the next one begun.
+a power failure. A file that was not ended has no index: this package reads it up to its last complete chunk; `mcap
+recover` adds the index.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import yaml
 from mcap.writer import CompressionType, Writer
-from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v9
-from rosbags.typesys import Stores, get_typestore
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
 from scara_kinetostatic.bags.messages import DISCARD_TOPIC, JOINT_STATE, STRING, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
@@ -39,8 +36,6 @@ from scara_kinetostatic.touches.streams import Streams
 
 __all__ = ['BagWriter', 'fresh_folder', 'write_streams']
 
-SPLIT_SIZE = 1 << 28
-"""A file is completed at this size, bytes, even if nothing is touched."""
 _FOREVER = QosTime(9223372036, 854775807)
 
 
@@ -81,7 +76,6 @@ class McapWriter:
 
     Attributes:
         name: of the file.
-        size: bytes of the messages written so far.
         start: time of its earliest message, ns.
         end: time of its latest message, ns.
         counts: its messages by topic.
@@ -92,7 +86,6 @@ class McapWriter:
 
     def __init__(self, path: Path, channels: Sequence[Channel] = (), *, compress: bool = False) -> None:
         self.name = path.name
-        self.size = 0
         self.start, self.end = (1 << 63) - 1, 0
         self.counts: Counter[str] = Counter()
         self._stream = path.open('xb')
@@ -115,7 +108,6 @@ class McapWriter:
             self._ids[channel] = self._register(channel)
         self._writer.add_message(self._ids[channel], log_time, payload, log_time, self.counts[channel.topic])
         self.counts[channel.topic] += 1
-        self.size += len(payload)
         self.start, self.end = min(self.start, log_time), max(self.end, log_time)
 
     def flush(self) -> None:
@@ -143,9 +135,8 @@ def _definition(msgtype: str) -> tuple[str, str]:
     return ros2_types().generate_msgdef(msgtype, ros_version=2)[0], ros2_types().hash_rihs01(msgtype)
 
 
-def metadata_text(channels: Sequence[Channel], files: Sequence[McapWriter]) -> str:
-    """`metadata.yaml` of a rosbag2 folder with MCAP files, each with a message, as Jazzy writes it (version 9)."""
-    totals = sum((file.counts for file in files), Counter[str]())
+def metadata_text(channels: Sequence[Channel], file: McapWriter) -> str:
+    """`metadata.yaml` of a rosbag2 folder with an MCAP file that has a message, as Jazzy writes it (version 9)."""
     topics = [
         {
             'topic_metadata': {
@@ -155,32 +146,29 @@ def metadata_text(channels: Sequence[Channel], files: Sequence[McapWriter]) -> s
                 'offered_qos_profiles': dump_qos_v9([channel.qos]),
                 'type_description_hash': _definition(channel.msgtype)[1],
             },
-            'message_count': totals[channel.topic],
+            'message_count': file.counts[channel.topic],
         }
         for channel in channels
     ]
+    span = {
+        'duration': {'nanoseconds': file.end - file.start},
+        'starting_time': {'nanoseconds_since_epoch': file.start},
+        'message_count': file.counts.total(),
+    }
     information = {
         'version': 9,
         'storage_identifier': 'mcap',
-        **_span(min(file.start for file in files), max(file.end for file in files), totals.total()),
+        **span,
         'topics_with_message_count': topics,
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file.name for file in files],
-        'files': [{'path': file.name, **_span(file.start, file.end, file.counts.total())} for file in files],
+        'relative_file_paths': [file.name],
+        'files': [{'path': file.name, **deepcopy(span)}],  # YAML would refer to what is there twice
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
     dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
     return str(yaml.dump({'rosbag2_bagfile_information': information}, Dumper=dumper, sort_keys=False))
-
-
-def _span(start: int, end: int, count: int) -> dict[str, Any]:
-    return {
-        'duration': {'nanoseconds': end - start},
-        'starting_time': {'nanoseconds_since_epoch': start},
-        'message_count': count,
-    }
 
 
 class BagWriter:
@@ -213,7 +201,6 @@ class BagWriter:
             home = workshop / self.folder.name
             home.mkdir()
             self._file = McapWriter(home / f'{self.folder.name}_0.mcap')
-            self._files = [self._file]
             now = time.time_ns() if log_time is None else log_time
             try:
                 self._file.write(self._channels[0], string_message(dump_cell(cell)), now)
@@ -265,17 +252,12 @@ class BagWriter:
         with self._lock, self._guarded():
             if all(known.topic != channel.topic for known in self._channels):
                 self._channels.append(channel)
-            if self._file.size > SPLIT_SIZE:
-                self._file.finish()
-                self._describe(self.folder)
-                self._file = McapWriter(self.folder / f'{self.folder.name}_{len(self._files)}.mcap')
-                self._files.append(self._file)
             self._file.write(channel, bytes(data), log_time)
 
     def _describe(self, folder: Path) -> None:
         """Replaces the metadata by those of everything written so far."""
-        replace_text(folder / METADATA, metadata_text(self._channels, self._files))
-        self.recorded = sum(file.counts[channel.topic] for file in self._files for channel in self._channels[1:3])
+        replace_text(folder / METADATA, metadata_text(self._channels, self._file))
+        self.recorded = sum(self._file.counts[channel.topic] for channel in self._channels[1:3])
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -292,44 +274,41 @@ class BagWriter:
 
 
 def write_streams(
-    path: str | Path,
-    streams: Streams,
-    cell: Cell,
-    *,
-    storage: Literal['mcap', 'sqlite3'] = 'mcap',
-    compression: Literal['zstd'] | None = None,
-    with_cell: bool = True,
+    path: str | Path, streams: Streams, cell: Cell, *, compression: str | None = None, with_cell: bool = True
 ) -> None:
     """Write a recording.
 
     Args:
-        path: what to make: a bare file if it ends in `.mcap`, a ROS 1 bag if in `.bag`, else a rosbag2 folder.
+        path: what to make: a bare file if it ends in `.mcap`, else a rosbag2 folder.
         streams: the messages; each is logged at its stamp.
         cell: names the topics and joints; written into the recording.
-        storage: of a rosbag2 folder.
-        compression: MCAP is compressed chunk by chunk, SQLite as a file; a ROS 1 bag is not.
+        compression: of the chunks, `zstd` or None.
         with_cell: whether the recording starts with the cell description; plain recordings do not.
 
     Raises:
-        OutputError: `path` exists or cannot be written; nothing is left behind.
+        OutputError: `path` exists, cannot be written, or is named as a recording of another form; nothing is left
+            behind.
     """
     path = Path(path)
+    if path.suffix in ('.bag', '.db3'):
+        raise OutputError(path, 'is written as MCAP alone', 'name a folder or .mcap; rosbags-convert makes other forms')
     if len(streams.joints.stamp) + len(streams.wrench.stamp) == 0:
         raise OutputError(path, 'nothing to record: both streams are empty', 'give streams with samples')
     topics = channels(cell)
     with all_or_nothing(path) as workshop:
         made = workshop / path.name
-        messages = _messages(streams, cell, with_cell)
-        if path.suffix == '.bag':
-            _write_ros1(made, topics, messages)
-        elif path.suffix == '.mcap':
-            _write_mcap(made, topics, messages, compression is not None)
-        elif storage == 'sqlite3':
-            _write_sqlite(made, topics, messages, compression is not None)
-        else:
-            made.mkdir()
-            file = _write_mcap(made / f'{path.name}_0.mcap', topics, messages, compression is not None)
-            replace_text(made / METADATA, metadata_text(topics, [file]))
+        place = made if path.suffix == '.mcap' else made / f'{path.name}_0.mcap'
+        place.parent.mkdir(exist_ok=True)
+        file, by_name = McapWriter(place, topics, compress=compression is not None), {one.topic: one for one in topics}
+        try:
+            for topic, payload, log_time in _messages(streams, cell, with_cell):
+                file.write(by_name[topic], payload, log_time)
+            file.finish()
+        except BaseException:
+            file.discard()
+            raise
+        if place != made:
+            replace_text(made / METADATA, metadata_text(topics, file))
 
 
 def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[str, bytes, int]]:
@@ -343,41 +322,3 @@ def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[s
         yield CELL_TOPIC, string_message(dump_cell(cell)), int(stamp[order[0]])
     for place in order.tolist():
         yield cell.sensor.topics[place >= len(joints.stamp)], payloads[place], int(stamp[place])
-
-
-Messages: TypeAlias = Iterator[tuple[str, bytes, int]]
-
-
-def _write_mcap(path: Path, topics: Sequence[Channel], messages: Messages, compress: bool) -> McapWriter:
-    file, by_name = McapWriter(path, topics, compress=compress), {channel.topic: channel for channel in topics}
-    try:
-        for topic, payload, log_time in messages:
-            file.write(by_name[topic], payload, log_time)
-        file.finish()
-    except BaseException:
-        file.discard()
-        raise
-    return file
-
-
-def _write_sqlite(path: Path, topics: Sequence[Channel], messages: Messages, compress: bool) -> None:
-    with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as plain:  # rosbags cannot write where `#` is
-        writer = rosbag2.Writer(Path(plain) / 'bag', version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
-        if compress:
-            writer.set_compression(rosbag2.CompressionMode.FILE, rosbag2.CompressionFormat.ZSTD)
-        with writer:
-            connections, store = {}, ros2_types()
-            for topic, msgtype, qos in topics:
-                connections[topic] = writer.add_connection(topic, msgtype, typestore=store, offered_qos_profiles=[qos])
-            for topic, payload, log_time in messages:
-                writer.write(connections[topic], log_time, payload)
-        shutil.move(writer.path, path)
-
-
-def _write_ros1(path: Path, topics: Sequence[Channel], messages: Messages) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with rosbag1.Writer(path) as writer:
-        connections = {item.topic: writer.add_connection(item.topic, item.msgtype, typestore=store) for item in topics}
-        for topic, payload, log_time in messages:
-            connection = connections[topic]
-            writer.write(connection, log_time, ros2_types().cdr_to_ros1(payload, connection.msgtype))

@@ -33,17 +33,6 @@ class Parser(argparse.ArgumentParser):
         """Ends with exit status 2, the message on stderr."""
         self.exit(2, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
 
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Names the verb that resembles an unknown one."""
-        if not isinstance(action, argparse._SubParsersAction) or value in action.choices:
-            super()._check_value(action, value)
-            return
-        import difflib
-
-        close = difflib.get_close_matches(value, action.choices, 1)
-        remedy = f'did you mean {close[0]!r}?' if close else f'the verbs are {", ".join(action.choices)}'
-        raise argparse.ArgumentError(None, f'there is no verb {value!r}; {remedy}')
-
 
 def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType) -> str:
     """Adds the verb of a module: its `add_arguments`, its `run`, and its docstring as the help.

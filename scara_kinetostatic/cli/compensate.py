@@ -52,7 +52,7 @@ def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None
     """Adds the calibration, the table and ``--out``."""
     add_options(
         parser,
-        ('calibration', 'CALIBRATION.json', Path, 'or calibration.yaml; or a cell.yaml: the nominal arm'),
+        ('calibration', 'CALIBRATION.json', Path, 'or a cell.yaml: the nominal arm'),
         ('table', table, Path, meaning),
         ('--out', 'FILE.csv', Path, 'the table with its results', {'required': True}),
     )

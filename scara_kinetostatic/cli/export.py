@@ -17,8 +17,7 @@ csv and header. Each file says from which calibration it is. The exit status is 
 where the format cannot hold the calibrated model.
 
 --into takes the URDF from which the cell was described: the origins of the two
-joints are corrected in it, and that of the next one by l2, nothing else. A YAML
-beside FILE has these origins as ur_calibration writes them.
+joints are corrected in it, and that of the next one by l2, nothing else.
 
 Example:
   scara-kinetostatic export result/calibration.json --format urdf --out arm.urdf
@@ -50,8 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     force = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
     add_options(
         parser.add_argument_group('of csv'),
-        ('--accuracy', 'M', real(1e-6), 'of interpolation between places (default: tolerance of the cell, or 1e-4)'),
-        ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: as the accuracy needs)'),
+        ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: 0.025)', {'default': 0.025}),
         ('--force', 'N', real(0), force, SEVERAL),
     )
 
@@ -65,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.export import Options, exported, exported_into
+    from scara_kinetostatic.files.export import exported, exported_into
 
     out, inputs = args.out, [args.calibration, *([args.into] if args.into else [])]
     if args.into and (out is None or args.format != 'urdf'):
@@ -76,16 +74,12 @@ def run(args: argparse.Namespace) -> None:
         check_file(out, inputs)
     arm, name = load_calibration(args.calibration), args.calibration.name
     if args.into:
-        texts, notes = exported_into(arm, args.into, name)
-        beside = out.with_name(f'{out.stem}_kinematics.yaml')
-        check_file(beside, inputs)
-        write_texts(out.parent, dict(zip((out.name, beside.name), texts, strict=True)))
-        print(out, beside, sep='\n')
+        text, notes = exported_into(arm, args.into, name)
     else:
-        options = Options(args.convention, args.step, args.accuracy, tuple(args.force))
-        text, notes = exported(arm, args.format, name, options)
-        if out is not None:
-            write_texts(out.parent, {out.name: text})
-        print(text if out is None else f'{out}\n', end='')
+        options = {'convention': args.convention, 'step': args.step, 'forces': args.force}
+        text, notes = exported(arm, args.format, name, **options)
+    if out is not None:
+        write_texts(out.parent, {out.name: text})
+    print(text if out is None else f'{out}\n', end='')
     for each in notes:
         note(each)

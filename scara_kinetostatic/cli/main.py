@@ -76,14 +76,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     """The exit status of the verb; what concerns stdout is raised."""
-    debug, received = bool(os.environ.get('SCARA_KINETOSTATIC_DEBUG')), list[int]()
+    debug = False
     try:
-        with _termination(received):
+        with _termination():
             parser = build_parser()
             args = parser.parse_args(argv)
             if args.verb is None:  # after unknown options, which are named first
                 parser.error('expected a VERB')
-            debug = debug or args.debug
+            debug = args.debug
             args.run(args)
             return 0
     except SystemExit as end:  # from argparse: --help, --version, a wrong option
@@ -100,8 +100,6 @@ def _run(argv: Sequence[str] | None) -> int:
         no_room = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
         if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
             raise
-        if received and not debug:  # what was interrupted may fail in its own way when it is closed
-            return _say('terminated', 143)
         remedy = 'please report it with what scara-kinetostatic --debug … prints'
         return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
@@ -140,11 +138,10 @@ with an effect that the base model lacks:
 
 
 @contextmanager
-def _termination(received: list[int]) -> Iterator[None]:
-    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left; `received` notes it."""
+def _termination() -> Iterator[None]:
+    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left."""
 
-    def terminate(number: int, _: object) -> NoReturn:
-        received.append(number)
+    def terminate(*_: object) -> NoReturn:
         raise _TerminatedError
 
     if threading.current_thread() is not threading.main_thread():

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_options(
         parser,
-        ('out', 'OUT', Path, 'recording to make: a rosbag2 folder, or a file .mcap or .bag; must not exist'),
+        ('out', 'OUT', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
         ('--scene', 'NAME', str, 'robot and discs (default: plain)', {'default': 'plain'}),
         ('--per-disc', 'N', whole(1), 'points around a disc (default: 12)', {'default': 12}),
     )

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_seed, cell_or_paper, real, whole
@@ -27,10 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effect = 'an effect beyond the parameters, SI; repeatable'
     add_options(
         parser,
-        ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap or .bag; must not exist'),
+        ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
         ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
         ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, effect, SEVERAL),
-        ('--list-effects', '', bool, 'list the effects of the cell with their parameters, and stop'),
         ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
     )
     add_cell(parser)
@@ -48,13 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--noise-force', 'S', real(0), 'of the force, per touch, N (default: as the cell)'),
         ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)', {'default': 80.0}),
         ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)', {'default': 98.0}),
-        ('--frame', '', ('base', 'tool'), 'frame of the force sensor (default: as the cell)'),
-        ('--sign', '', ('on_object', 'on_robot'), 'its sign (default: as the cell)'),
     )
     add_options(
         parser.add_argument_group('form of the recording'),
-        ('--storage', '', ('mcap', 'sqlite3'), 'of a folder (default: mcap)', {'default': 'mcap'}),
-        ('--compression', '', ('zstd',), 'of a folder (default: none)'),
+        ('--compression', '', ('zstd',), 'of its chunks (default: none)'),
         ('--plain', '', bool, 'the two topics only, as `ros2 bag record` writes them; no cell description'),
     )
 
@@ -67,17 +62,6 @@ def run(args: argparse.Namespace) -> None:
             or cannot be written.
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
-    if args.list_effects:
-        from scara_kinetostatic.effects.registry import catalogue
-        from scara_kinetostatic.report import Table
-
-        listed = tuple(
-            (effect.label if number == 0 else '', p.name, p.unit, p.meaning)
-            for effect in catalogue(cell_or_paper(args.cell))
-            for number, p in enumerate(effect.parameters)
-        )
-        print(Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, listed).text())
-        return
     if args.out is None:
         raise InputError('--out', 'is missing', 'name the recording to make')
     given = {name: getattr(args, name) for name in ('per_disc', 'levels', 'preload')}
@@ -87,7 +71,6 @@ def run(args: argparse.Namespace) -> None:
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
-    from scara_kinetostatic.model.cell import SensorFrame, SensorSign
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan
     from scara_kinetostatic.simulation.plan_file import load_planned
@@ -95,9 +78,6 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
     cell = cell_or_paper(args.cell)
-    sensor = cell.sensor
-    frame, sign = SensorFrame(args.frame or sensor.frame), SensorSign(args.sign or sensor.sign)
-    cell = replace(cell, sensor=sensor._replace(frame=frame, sign=sign))
     levels = {'joint': args.noise_joint, 'force': args.noise_force}
     levels = {name: level for name, level in levels.items() if level is not None}
     noise = (cell.noise or TYPICAL_NOISE)._replace(**levels)
@@ -109,8 +89,7 @@ def run(args: argparse.Namespace) -> None:
             workshop = together.enter_context(all_or_nothing(args.truth_file))
             (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
         streams = simulate_streams(cell, truth, plan, sensors=sensors, seed=args.seed)
-        form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
-        write_streams(args.out, streams, cell, **form)
+        write_streams(args.out, streams, cell, compression=args.compression, with_cell=not args.plain)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
     what = count(len(plan), *(('slide',) if isinstance(plan, tuple) else ('touch', 'touches')))
     print(f'{args.out}: {what} in {duration:.0f} s of simulated time')

@@ -17,7 +17,6 @@ Three sources, in this order:
 
 from __future__ import annotations
 
-import difflib
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
@@ -31,7 +30,7 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.shift import Stepped
-from scara_kinetostatic.errors import ParameterError, expect
+from scara_kinetostatic.errors import ParameterError, did_you_mean, expect
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import forward, link_vectors
@@ -153,9 +152,8 @@ def find(cell: Cell, label: str) -> Effect:
     if same:
         remedy = f'give {" or ".join(same[:5])}'
         raise ParameterError(f'effect {label!r}', f'{name} has no such target in this cell', remedy)
-    close = difflib.get_close_matches(label, effects, 3)
-    remedy = f'did you mean {" or ".join(close)}? ' if close else ''
-    raise ParameterError(f'effect {label!r}', 'no such effect', f'{remedy}simulate --list-effects lists all')
+    remedy = did_you_mean(name, (effect.name for effect in effects.values()), 'the effects are')
+    raise ParameterError(f'effect {label!r}', 'no such effect', remedy)
 
 
 @cache

@@ -1,6 +1,6 @@
-"""Files on the disk: written completely or not at all, and told by their checksums.
+"""Files on the disk: read within a limit, written completely or not at all, and told by their checksums.
 
-**Atomic writing.** A new file or folder, or a set of replaced files, appears completely or not at all.
+**Atomic writing.** A new file or folder, or a replaced file, appears completely or not at all.
 
 Everything is written into a hidden folder beside its place first, seen to the disk (fsync) and then renamed, which the
 file system does in one step. New things never replace anything: `all_or_nothing`. Files that may exist are replaced by
@@ -15,7 +15,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import chain, count
 from pathlib import Path
 
@@ -58,12 +58,7 @@ def all_or_nothing(path: Path) -> Iterator[Path]:
     with writing(path):
         if path.exists() or path.is_symlink():
             raise _exists(path)
-        if not path.name:
-            raise OutputError(path, 'has no name', 'give the name of a new file or folder')
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError) as error:
-            raise OutputError(path, f'{error.filename} is not a folder', 'choose another place') from error
+        path.parent.mkdir(parents=True, exist_ok=True)
         with _hidden_folder(path.parent, path.name) as hidden:
             yield hidden
             _appear(hidden / path.name, path)
@@ -95,7 +90,7 @@ def replace_text(path: Path, text: str) -> None:
 
 
 def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str, str] | None = None) -> None:
-    """Writes files into a folder, all or none.
+    """Writes files into a folder. All are on the disk before the first takes its place; each does so in one step.
 
     Args:
         folder: the folder, made if it does not exist.
@@ -104,61 +99,28 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
             its new name before the new one takes its place.
 
     Raises:
-        OutputError: the folder cannot be written; it is as it was before.
+        OutputError: the folder cannot be written; no file in it has changed, unless a file that was writable before
+            cannot be replaced.
     """
-    folder = Path(folder)
-    with writing(folder), ExitStack() as undo_folder:
-        if folder.is_file():
-            raise OutputError(folder, 'cannot be written: it is a file, not a folder', 'choose another folder')
-        for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
-            undo_folder.callback(_remove_empty, place)
-            place.mkdir(exist_ok=True)
-        with _hidden_folder(folder, 'results') as hidden, ExitStack() as undo:
+    folder, kept = Path(folder), kept or {}
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for place in (folder / name for name in texts):
+            if place.is_dir():
+                raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
+            if place.exists() and not place.is_file():
+                raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
+        for second in kept.values():
+            if os.path.lexists(folder / second):
+                raise _exists(folder / second)
+        with _hidden_folder(folder, 'results') as hidden:
             for name, text in texts.items():
                 _write(hidden / name, text)
-            for name, second in (kept or {}).items():
-                if os.path.lexists(folder / second):
-                    raise _exists(folder / second)
-                undo.callback((folder / second).unlink, missing_ok=True)
-                try:
-                    os.link(folder / name, folder / second)
-                except OSError:  # a file system without links
-                    shutil.copy2(folder / name, hidden / second)
-                    (hidden / second).replace(folder / second)
-            (hidden / 'former').mkdir()
-            for name in texts:
-                _keep_former(folder / name, hidden / 'former' / name)
-                undo.callback(_put_back, folder / name, hidden)
-            for name in texts:
+            for name, second in kept.items():
+                shutil.copy2(folder / name, hidden / second)
+            for name in (*kept.values(), *texts):
                 (hidden / name).replace(folder / name)
             sync_folder(folder)
-            undo.pop_all()
-        undo_folder.pop_all()
-
-
-def _remove_empty(folder: Path) -> None:
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
-
-
-def _keep_former(place: Path, copy: Path) -> None:
-    if place.is_dir():
-        raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
-    if place.exists() and not place.is_file():
-        raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
-    if place.exists():
-        shutil.copy2(place, copy)
-
-
-def _put_back(place: Path, hidden: Path) -> None:
-    """Undoes the replacement of a file by its draft, where that has been done."""
-    former = hidden / 'former' / place.name
-    if (hidden / place.name).exists():
-        return
-    if former.exists():
-        former.replace(place)
-    else:
-        place.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
@@ -209,6 +171,34 @@ def _appear(made: Path, path: Path) -> None:
 
 def _exists(path: Path) -> OutputError:
     return OutputError(path, 'exists already and is never overwritten', 'choose another name')
+
+
+def read_file(path: str | Path, problem: type[InputError], most: int, what: str) -> bytes:
+    """The content of a file that a user names.
+
+    Args:
+        path: the file.
+        problem: error class to raise.
+        most: largest size, bytes.
+        what: it is expected to hold, for the message.
+
+    Raises:
+        problem: no such file, no regular file, too large, or unreadable.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            raise problem(path, 'there is no such file', 'check the path')
+        if not path.is_file():
+            raise problem(
+                path, f'expected a file of {what}, got ' + ('a folder' if path.is_dir() else 'something else')
+            )
+        if (size := path.stat().st_size) > most:
+            raise problem(path, f'expected at most {most >> 10} KiB of {what}, got {size} bytes')
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # a ValueError: a path with a null character
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise problem(path, f'cannot be read: {reason}', 'check the path') from error
 
 
 def recording_checksum(path: str | Path) -> str:

@@ -1,7 +1,7 @@
-"""A calibrated arm as plain JSON values, in `calibration.json`, in `calibration.yaml` and on a topic; and back.
+"""A calibrated arm as plain JSON values, in `calibration.json` and on a topic; and back.
 
-All three hold the same: the cell under `cell`, the model with its covariance under `model`, `assessment.grade` and
-`diagnosis.diagnose`. In `calibration.yaml` it is the text of the ROS parameter `calibration.model`.
+Both hold the same: the cell under `cell`, the model with its covariance under `model`, `assessment.grade` and
+`diagnosis.verdict`.
 
 Of the effects only those of the catalogue of the cell and what a diagnosis adds by itself are made again: a file never
 names a module to import.
@@ -25,6 +25,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Undetected
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
+from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
@@ -80,7 +81,7 @@ def load_calibration(path: str | Path) -> CalibratedArm:
     """The calibrated arm of a result.
 
     Args:
-        path: `calibration.json` or `calibration.yaml` as `calibrate` writes them.
+        path: `calibration.json` as `calibrate` writes it.
 
     Raises:
         CalibrationFileError: the file cannot be read, has another schema, or is damaged.
@@ -97,8 +98,6 @@ def load_calibration(path: str | Path) -> CalibratedArm:
     if not isinstance(path, (str, Path)):
         raise CalibrationFileError('path', f'expected the path of a file, got {type(path).__name__}', _REMEDY)
     path = Path(path)
-    if path.suffix.lower() in ('.yaml', '.yml'):
-        return _load_yaml(path)
     return read_arm(read_document(path), path)
 
 
@@ -137,33 +136,11 @@ def read_document(path: Path) -> Any:
     Raises:
         CalibrationFileError: the file cannot be read, or is no JSON.
     """
+    content = read_file(path, CalibrationFileError, _MAX_BYTES, 'JSON')
     try:
-        if path.is_dir():
-            raise CalibrationFileError(path, 'is a folder', f'give {path / "calibration.json"}')
-        if path.stat().st_size > _MAX_BYTES:
-            raise CalibrationFileError(path, f'expected at most {_MAX_BYTES >> 20} MiB', _REMEDY)
-        text = path.read_text(encoding='utf-8-sig')
+        return parse_document(content.decode('utf-8-sig'), path)
     except UnicodeDecodeError as error:
         raise CalibrationFileError(path, f'not UTF-8 text (byte {error.start})', _REMEDY) from error
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or error
-        raise CalibrationFileError(path, f'cannot be read: {reason}', _REMEDY) from error
-    return parse_document(text, path)
-
-
-def _load_yaml(path: Path) -> CalibratedArm:
-    tree = parse_yaml(read_text(path, CalibrationFileError), path, CalibrationFileError)
-    try:
-        entries = tree['/**']['ros__parameters']
-        text = entries['calibration']['model']
-    except (KeyError, TypeError) as error:
-        problem = 'holds no calibrated model (calibration.model)'
-        raise CalibrationFileError(path, problem, 'give the calibration.json beside it, or calibrate again') from error
-    if not isinstance(text, str):
-        raise CalibrationFileError(path, 'calibration.model is not text', _REMEDY)
-    arm = read_arm(parse_document(text, path), path)
-    _check_agreement(entries.get('calibrated'), 'calibrated', arm.model, path)
-    return arm
 
 
 def is_readable(text: str) -> bool:
@@ -172,7 +149,7 @@ def is_readable(text: str) -> bool:
 
 
 def parse_document(text: str, where: str | Path) -> Any:
-    """The document of a JSON text: of `calibration.json`, of `calibration.model`, or of `~/result`.
+    """The document of a JSON text: of `calibration.json`, or of `~/result`.
 
     Raises:
         CalibrationFileError: it is too large, or no JSON.
@@ -237,7 +214,7 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     cell, entry = stored_cell(document['cell'], where), document['model']
     model = _model(entry, cell, where)
     stated = {name: part['value'] for name, part in document.get('parameters', {}).items()}
-    _check_agreement(stated, 'parameters', model, where)
+    _check_agreement(stated, model, where)
     size, directions, noise = len(model.names), entry['undetermined'], entry['noise']
     grade = document['assessment']['grade']
     if grade not in ('', 'fit', 'caution', 'unfit'):  # empty where nobody has assessed it
@@ -290,16 +267,16 @@ def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> ExtendedM
     return model
 
 
-def _check_agreement(stated: Any, key: str, model: ExtendedModel, where: str | Path) -> None:
+def _check_agreement(stated: Mapping[str, Any], model: ExtendedModel, where: str | Path) -> None:
     """Check that values stated beside the model are its own: one of them changed by hand would have no effect.
 
     Raises:
         CalibrationFileError: they differ.
     """
     for name, used in model.parameters.as_dict().items():
-        value = stated.get(name, used) if isinstance(stated, dict) else used
+        value = stated.get(name, used)
         if not (isinstance(value, (int, float)) and abs(value - used) <= 1e-9 * abs(used)):
-            problem = f'{key}.{name} is {value!r:.40}, but the calibrated model has {used!r}'
+            problem = f'parameters.{name} is {value!r:.40}, but the calibrated model has {used!r}'
             remedy = 'take the file as calibrate wrote it; a value that is known can be fixed there'
             raise CalibrationFileError(where, problem, remedy)
 

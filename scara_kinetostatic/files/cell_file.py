@@ -471,12 +471,7 @@ def _check_layout(cell: cells.Cell, top: Section) -> None:
     """Refuses discs that cannot be touched, or not without touching another one."""
     if not (problems := cells.layout_problems(cell, cell.centers, cell.radii)):
         return
-    remedy = 'check center and radius (in m, to the centre of the tip)'
-    if not cell.has_outlines and not cells.layout_problems(cell, cell.centers, cell.radii / 2):
-        halve = 'halve it, and add the radius of the tip if it is not contained'
-        if len(problems) > 1:
-            raise top.error('objects', f'{problems[0]}: radius seems to be the diameter of every disc', halve)
-        remedy += f'; if radius is the diameter of every disc, {halve}'
+    remedy = 'check center and radius (in m, to the centre of the tip; not the diameter)'
     raise top.error('objects', problems[0], remedy)
 
 

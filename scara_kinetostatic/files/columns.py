@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.model.arrays import Floats
 
 MAX_BYTES = 64 * 2**20
@@ -175,7 +176,7 @@ class Table:
         """The values of the columns.
 
         Raises:
-            RecordingError: a row is wrong; it names the line and the column, and the lines of others.
+            RecordingError: a row is wrong; it names the line and the column, and how many others are wrong.
         """
         values: dict[str, list[Any]] = {name: [] for name in places}
         wrong: list[tuple[int, str]] = []
@@ -190,9 +191,7 @@ class Table:
                 wrong.append((line, str(error)))
         if wrong:
             (line, problem), *others = wrong
-            also = f'; also wrong: line{"s" * (len(others) > 1)} ' if others else ''
-            also += ', '.join(str(number) for number, _ in others[:5])
-            also += f' and {len(others) - 5} more' if len(others) > 5 else ''
+            also = f'; wrong rows besides: {len(others)}' if others else ''
             remedy = 'correct the table, or begin the line with # to leave it out'
             raise RecordingError(self.source, f'line {line}: {problem}{also}', remedy)
         numbers = {name: np.array(column) for name, column in values.items() if places[name].column.parse is None}
@@ -251,7 +250,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 
 def load_table(path: Path, example: str) -> Table:
-    """Read a CSV file: UTF-8, UTF-16 with its mark, or Latin-1.
+    """Read a CSV file: UTF-8 or Latin-1.
 
     Args:
         path: the file.
@@ -260,31 +259,17 @@ def load_table(path: Path, example: str) -> Table:
     Raises:
         RecordingError: the file cannot be read, is too large, is no text, or has no heading or no rows.
     """
-    try:
-        if not path.exists():
-            raise RecordingError(path, 'there is no such file', 'check the path')
-        if not path.is_file():
-            raise RecordingError(path, 'expected a CSV file, got ' + ('a folder' if path.is_dir() else 'no file'))
-        if (size := path.stat().st_size) > MAX_BYTES:
-            raise RecordingError(path, f'expected at most {MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
-        return parse_table(_decoded(path.read_bytes(), path), str(path), example)
-    except OSError as error:
-        raise RecordingError(path, f'cannot be read: {error.strerror or error}', 'check the file') from error
-    except ValueError as error:  # a path with a null character
-        raise RecordingError(repr(str(path)), f'cannot be read: {error}', 'check the path') from error
+    return parse_table(_decoded(read_file(path, RecordingError, MAX_BYTES, 'CSV'), path), str(path), example)
 
 
 def _decoded(data: bytes, path: Path) -> str:
     if data[:2] == b'PK' or data[:4] == b'\xd0\xcf\x11\xe0':
         raise RecordingError(path, 'expected CSV, got a spreadsheet', 'save it as CSV')
-    utf16 = data[:2] in (b'\xff\xfe', b'\xfe\xff')
-    if b'\x00' in data and not utf16:
-        raise RecordingError(path, 'expected CSV text, got binary data', 'save the table as CSV')
+    if b'\x00' in data:
+        raise RecordingError(path, 'expected CSV text, got binary data', 'save the table as CSV UTF-8')
     try:
-        return data.decode('utf-16' if utf16 else 'utf-8-sig')
-    except UnicodeDecodeError as error:
-        if utf16:
-            raise RecordingError(path, 'not UTF-16 text as it begins', 'save it as CSV UTF-8') from error
+        return data.decode('utf-8-sig')
+    except UnicodeDecodeError:
         return data.decode('latin-1')  # old spreadsheets; µ is the only letter that matters
 
 

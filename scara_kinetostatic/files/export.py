@@ -1,7 +1,6 @@
 """The calibrated arm in the formats of other software: URDF, xacro, Denavit–Hartenberg table, corrections, C header.
 
-`FORMATS` has every format once: what its file holds, and the function that writes it. Each file says in comment lines
-from which calibration it is.
+`FORMATS` has every format once, with what its file holds. Each file says in comment lines from which calibration it is.
 
 `correction_file`: corrections of the joint angles of the nominal arm, over workspace and load.
 
@@ -14,18 +13,16 @@ With Δ the calibrated less the file's own geometry, in the plane of the arm (`f
     joint 2:     its place by Δl1 along link 1, turned about its axis by Δtheta2
     the next:    its place by Δl2 along link 2, where the calibration changed l2
 
-All other bytes stay. The tip is then that of the rigid arm, H(L, Q).
+All else stays, but for the style of attributes. The tip is then that of the rigid arm, H(L, Q).
 """
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite, pi
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.parsers import expat
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -50,27 +47,13 @@ from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 MOST_ROWS = 1_000_000
 """Of a table, some 100 MB."""
+STEP = 0.025
+"""Distance of the places of a correction table unless told, m."""
 
 
-class Options(NamedTuple):
-    """What some formats may be told.
-
-    Attributes:
-        convention: of a Denavit–Hartenberg table, ``standard`` or ``modified``.
-        step: distance of the places of a correction table along x and y, m; None: as the accuracy needs.
-        accuracy: error of the tip by interpolation that 95 % of the middles between places keep, m; None: the tolerance
-            of the cell, or 1e-4.
-        forces: magnitudes of the force, N; 0 has one row per place, the others one per direction; empty: 0, and the
-            middle of the forces of the touches.
-    """
-
-    convention: str = 'standard'
-    step: float | None = None
-    accuracy: float | None = None
-    forces: tuple[float, ...] = ()
-
-
-def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -> tuple[str, list[str]]:
+def correction_file(
+    arm: CalibratedArm, head: Sequence[str], step: float = STEP, forces: Sequence[float] = ()
+) -> tuple[str, list[str]]:
     """The correction table as CSV: what to add to the joint angles of the nominal arm; and what to know of it.
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
@@ -78,29 +61,28 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -
     direction without one. Places out of reach of either arm, or beyond robot.limits, are left out. The head states the
     error of the tip halfway between places, by bilinear interpolation.
 
+    Args:
+        arm: the calibrated arm.
+        head: comment lines, without their marks.
+        step: distance of the places along x and y, m.
+        forces: magnitudes, N; 0 has one row per place, the others one per direction; empty: 0, and the middle of the
+            forces of the touches.
+
     Raises:
-        ParameterError: step or accuracy make more than `MOST_ROWS` rows.
+        ParameterError: the step makes more than `MOST_ROWS` rows.
         UnsupportedDataError: there is no row.
     """
-    low, high, step = arm.used.lowest_force, arm.used.highest_force, options.step or 0.1
-    sizes = tuple(dict.fromkeys(options.forces)) or (0.0, float(f'{(low + high) / 2:.2g}'))
-    forces, accuracy = _forces(sizes), options.accuracy or arm.cell.tolerance or 1e-4
-    while True:
-        cells, places = _grid(arm, step)
-        count = len(cells) * len(forces) * len(arm.used.postures)
-        if count > MOST_ROWS:
-            name, value = ('--step', step) if options.step else ('--accuracy', accuracy)
-            problem = f'{value:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
-            raise ParameterError(name, problem, 'give more, choose fewer forces, or bound the region of the cell')
-        change, columns = _corrections(arm, places, forces)
-        if not np.isfinite(change).all(axis=-1).any():
-            problem = 'no place of the grid can be reached under these forces, within robot.limits'
-            raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
-        errors = _errors_between(arm, cells, places + step / 2, forces, change)
-        if options.step or (len(errors) and np.quantile(errors, 0.95) <= accuracy):
-            break
-        step /= 2
-    between = _in_words(errors)
+    low, high = arm.used.lowest_force, arm.used.highest_force
+    sizes = tuple(dict.fromkeys(forces)) or (0.0, float(f'{(low + high) / 2:.2g}'))
+    vectors, (cells, places) = _forces(sizes), _grid(arm, step)
+    if (count := len(cells) * len(vectors) * len(arm.used.postures)) > MOST_ROWS:
+        problem = f'{step:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
+        raise ParameterError('--step', problem, 'give more, choose fewer forces, or bound the region of the cell')
+    change, columns = _corrections(arm, places, vectors)
+    if not np.isfinite(change).all(axis=-1).any():
+        problem = 'no place of the grid can be reached under these forces, within robot.limits'
+        raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
+    between = _in_words(_errors_between(arm, cells, places + step / 2, vectors, change))
     lines = [
         *(f'# {line}' for line in head),
         '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
@@ -179,7 +161,7 @@ def _grid(arm: CalibratedArm, step: float) -> tuple[Indices, Floats]:
     return cells[kept], places[kept]
 
 
-def _forces(magnitudes: tuple[float, ...]) -> Floats:
+def _forces(magnitudes: Sequence[float]) -> Floats:
     angles = np.pi / 4 * np.arange(8)
     unit = np.stack([np.cos(angles), np.sin(angles)], axis=1).round(15) + 0.0
     return np.concatenate([np.zeros((1, 2)) if size == 0 else size * unit for size in magnitudes])
@@ -188,15 +170,14 @@ def _forces(magnitudes: tuple[float, ...]) -> Floats:
 _MOST = 0.05
 """A geometry that differs by more is that of another robot, m and rad."""
 _SAME = 1e-14
-"""Numbers that differ by less keep their digits."""
+"""A joint that moves by less stays as it is, m."""
 
 
 class Origin(NamedTuple):
-    """Place, m, and roll, pitch and yaw, rad, of a joint in its parent, and the link that it carries."""
+    """Place, m, and roll, pitch and yaw, rad, of a joint in its parent."""
 
     xyz: Floats
     rpy: Floats
-    child: str
 
 
 def corrected_origins(arm: CalibratedArm, robot: Robot) -> dict[str, Origin]:
@@ -238,7 +219,7 @@ def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats
     parent = robot.frame(joint.parent, positions)[:3, :3]
     turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
     rpy = _angles_near(rpy, turned) if turn else rpy
-    return Origin(np.round(xyz + parent.T @ move, 15) + 0.0, np.round(rpy, 15) + 0.0, joint.child)
+    return Origin(np.round(xyz + parent.T @ move, 15) + 0.0, np.round(rpy, 15) + 0.0)
 
 
 def _angles_near(rpy: Floats, turned: Rotation) -> Floats:
@@ -250,74 +231,19 @@ def _angles_near(rpy: Floats, turned: Rotation) -> Floats:
     return np.asarray(rpy + off[np.abs(off).sum(axis=1).argmin()])
 
 
-def with_origins(content: bytes, origins: Mapping[str, Origin], comment: str, robot: Robot) -> str:
-    """The text of a URDF with other origins, and a comment before its root.
+def with_origins(content: bytes, origins: Mapping[str, Origin], lines: Sequence[str]) -> str:
+    """The text of a URDF with other origins of some joints, and comment lines before its root."""
+    from lxml import etree
 
-    Raises:
-        InputError: it is not UTF-8, or a number in an origin is none.
-    """
-    places, root = _origin_places(content, set(origins))
-    newline = b'\r\n' if b'\r\n' in content else b'\n'
-    edits = [(root, root, comment.encode().replace(b'\n', newline))]
-    try:
-        for name, (begin, is_origin) in places.items():
-            tag = re.compile(rb'<(?:[^>"\']|"[^"]*"|\'[^\']*\')*>').match(content, begin)
-            assert tag is not None  # expat has read it
-            made = tag[0] if is_origin else b'<origin/>'
-            for key, values in (('xyz', origins[name].xyz), ('rpy', origins[name].rpy)):
-                made = _with_attribute(made, key.encode(), values.tolist())
-            edits.append((tag.start(), tag.end(), made) if is_origin else (tag.end(), tag.end(), made))
-        for begin, end, made in sorted(edits, reverse=True):
-            content = content[:begin] + made + content[end:]
-        return content.decode()
-    except (ValueError, UnicodeError) as error:
-        remedy = 'save it as UTF-8, with plain numbers in the origins: expand a xacro first'
-        raise robot.error(f'an origin cannot be corrected: {error}', remedy) from error
-
-
-def _origin_places(content: bytes, wanted: set[str]) -> tuple[dict[str, tuple[int, bool]], int]:
-    """Where the origin of each joint begins, or the joint itself where it has none; and the root."""
-    found: dict[str, tuple[int, bool]] = {}
-    path: list[tuple[str, str]] = []
-    begins: list[int] = []
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: Mapping[str, str]) -> None:
-        path.append((tag, attributes.get('name', '')))
-        begins.append(parser.CurrentByteIndex)
-        kinds, name = [each for each, _ in path], path[min(1, len(path) - 1)][1]
-        if kinds in (['robot', 'joint'], ['robot', 'joint', 'origin']) and name in wanted:
-            found[name] = parser.CurrentByteIndex, len(path) == 3
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: path.pop()
-    parser.Parse(content, True)
-    return found, begins[0]
-
-
-def _with_attribute(tag: bytes, key: bytes, values: Sequence[float]) -> bytes:
-    """The tag with three numbers; those that are the same keep their digits."""
-    pattern = re.compile(rb'(\s' + key + rb'\s*=\s*)(["\'])(.*?)\2', re.DOTALL)
-    given = pattern.search(tag)
-    if given is None:
-        return tag if not any(values) else re.sub(rb'\s*/?>$', b' ' + key + b'="' + _text([], values) + rb'"\g<0>', tag)
-    made = _text(given[3].split(), values)
-    return tag if made == b' '.join(given[3].split()) else tag[: given.start(3)] + made + tag[given.end(3) :]
-
-
-def _text(before: Sequence[bytes], values: Sequence[float]) -> bytes:
-    pairs = zip(before or [b'nan'] * 3, values, strict=True)
-    return b' '.join(old if abs(float(old) - new) < _SAME else repr(new).encode() for old, new in pairs)
-
-
-def origins_yaml(origins: Mapping[str, Origin], lines: Sequence[str]) -> str:
-    """The origins as `ur_calibration` writes them: by the link that a joint carries, without ``_link``."""
-    found = [*(f'# {line}' for line in lines), 'kinematics:']
-    for origin in origins.values():
-        values = (*origin.xyz.tolist(), *origin.rpy.tolist())
-        numbers = zip(('x', 'y', 'z', 'roll', 'pitch', 'yaw'), values, strict=True)
-        found += [f'  {origin.child.removesuffix("_link")}:', *(f'    {key}: {value!r}' for key, value in numbers)]
-    return '\n'.join(found) + '\n'
+    robot = etree.fromstring(content)
+    for joint in robot.iterchildren('joint'):
+        if joint.get('name') in origins:
+            if (origin := joint.find('origin')) is None:
+                joint.insert(0, origin := etree.Element('origin'))
+            for key, values in origins[joint.get('name')]._asdict().items():
+                origin.set(key, ' '.join(map(repr, values.tolist())))
+    robot.addprevious(etree.Comment('\n' + ''.join(f'  {line}\n' for line in lines)))
+    return str(etree.tostring(robot.getroottree(), encoding='utf-8', xml_declaration=True).decode() + '\n')
 
 
 _FREE = 'not determined'
@@ -503,45 +429,19 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     )
 
 
-class Format(NamedTuple):
-    """A format.
-
-    Attributes:
-        content: what its file holds, a sentence.
-        is_rigid: whether it has the geometry alone.
-        write: gives the text of the file and notes on it.
-    """
-
-    content: str
-    is_rigid: bool
-    write: Callable[[CalibratedArm, ExportFacts, Options], tuple[str, Sequence[str]]]
-
-
 _RIGID = 'Rigid geometry of the calibrated arm: the tip tool0 is H(L, Q), without compliance and backlash.'
 FORMATS = {
-    'urdf': Format(_RIGID, True, lambda arm, facts, _: (urdf_text(arm, facts), ())),
-    'xacro': Format(_RIGID, True, lambda arm, facts, _: (xacro_text(arm, facts), ())),
-    'dh': Format(
-        'Denavit-Hartenberg parameters of the calibrated arm, rigid: without compliance and backlash.',
-        True,
-        lambda arm, facts, options: (dh_text(arm, facts, options.convention), ()),
-    ),
-    'csv': Format(
-        'Corrections of the joint angles of the nominal arm, over places and forces of the robot on the object.',
-        False,
-        lambda arm, facts, options: correction_file(arm, facts.lines, options),
-    ),
-    'header': Format(
-        'Calibrated kinetostatic model of a SCARA arm: geometry, compliance, backlash.',
-        False,
-        lambda arm, facts, _: (header_text(arm, facts), ()),
-    ),
+    'urdf': _RIGID,
+    'xacro': _RIGID,
+    'dh': 'Denavit-Hartenberg parameters of the calibrated arm, rigid: without compliance and backlash.',
+    'csv': 'Corrections of the joint angles of the nominal arm, over places and forces of the robot on the object.',
+    'header': 'Calibrated kinetostatic model of a SCARA arm: geometry, compliance, backlash.',
 }
-"""The formats by name."""
+"""What the file of each format holds."""
 
 
-def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[tuple[str, str], list[str]]:
-    """The user's URDF with corrected origins, and these as YAML; and what is to be known of them.
+def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[str, list[str]]:
+    """The user's URDF with corrected origins, and what is to be known of it.
 
     Args:
         arm: the calibrated arm.
@@ -557,25 +457,38 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[tuple[st
     facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
     soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[6:])
     rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
-    facts = facts._replace(lines=(*facts.lines, comment(f'{rest[:1].upper()}{rest[1:]}.')))
-    text = with_origins(content, origins, _comment(facts), robot)
-    return (text, origins_yaml(origins, facts.lines)), [*facts.notes(is_rigid=True), rest]
+    lines = (*facts.lines, comment(f'{rest[:1].upper()}{rest[1:]}.'))
+    return with_origins(content, origins, lines), [*facts.notes(is_rigid=True), rest]
 
 
-def exported(arm: CalibratedArm, kind: str, source: str, options: Options = Options()) -> tuple[str, list[str]]:  # noqa: B008 - immutable
+def exported(
+    arm: CalibratedArm,
+    kind: str,
+    source: str,
+    *,
+    convention: str = 'standard',
+    step: float = STEP,
+    forces: Sequence[float] = (),
+) -> tuple[str, list[str]]:
     """The text of a file, and what is to be known of it, one sentence each.
 
     Args:
         arm: the calibrated arm.
         kind: one of `FORMATS`.
         source: the file that the arm was read from.
-        options: of the format.
+        convention: of a Denavit–Hartenberg table, ``standard`` or ``modified``.
+        step: of a correction table, as `correction_file` has it.
+        forces: of a correction table, too.
 
     Raises:
         ParameterError: the grid of a correction table is too fine.
         UnsupportedDataError: the format cannot hold the model.
     """
-    chosen = FORMATS[kind]
-    facts = ExportFacts.of(arm, source, chosen.content)
-    text, notes = chosen.write(arm, facts, options)
-    return text, [*facts.notes(is_rigid=chosen.is_rigid), *notes]
+    facts = ExportFacts.of(arm, source, FORMATS[kind])
+    notes = facts.notes(is_rigid=kind in ('urdf', 'xacro', 'dh'))
+    if kind == 'csv':
+        text, more = correction_file(arm, facts.lines, step, forces)
+        return text, [*notes, *more]
+    if kind == 'dh':
+        return dh_text(arm, facts, convention), notes
+    return {'urdf': urdf_text, 'xacro': xacro_text, 'header': header_text}[kind](arm, facts), notes

@@ -9,8 +9,8 @@ places where the axes pierce the plane, T is that of the tip. At readings of zer
 in the plane, whose origin is p_1. The static moments are Σ m (r - p_i) over the links that joint i moves, with what the
 elbow carries at the elbow for joint 1; where they do not lie along the links, phi_i is the angle between.
 
-Axes that are not exactly parallel make the tip leave the plane and its projection differ from the model's tip; how much
-is worked out over all positions of the joints.
+Axes that are not exactly parallel make the tip leave the plane and its projection differ from the model's tip, by up to
+l_2 times the angle between them; that angle is said.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Plane
-from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import MOMENTS, Parameters, quantity
+from scara_kinetostatic.model.parameters import MOMENTS, Parameters
 
 GRAVITY = 9.81
 """m/s², along -z of the root."""
@@ -143,7 +142,7 @@ def robot_cell(
     """
     held = _held(robot, joints, tip, at)
     arm = planar_arm(robot, joints, tip, held)
-    parallel = _parallel(robot, joints, held, arm)
+    parallel = 'parallel to rounding' if arm.tilt < _EXACT else f'{degrees(arm.tilt):.3g} degrees off parallel'
     mounted = _mounting(robot, sensor or tip, joints, held, arm)
     moments = {name: getattr(arm.nominal, name) for name in MOMENTS}
     known = {name: float(f'{0.3 * moment:.3g}') for name, moment in moments.items() if moment}
@@ -241,16 +240,3 @@ def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[
         return f'rotation: {_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0]}'
     axes = {name: list(_rounded(seen[:, k])) for k, name in enumerate('xy')}
     return f'axes: {dump_yaml(axes, flow=True)}'
-
-
-def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
-    """How exactly the axes are parallel, and what it costs over all positions of both joints."""
-    if arm.tilt < _EXACT:
-        return 'parallel to rounding'
-    readings = np.stack(np.meshgrid(*[np.linspace(-pi, pi, 9)] * 2), axis=-1).reshape(-1, 2)
-    positions = ({**held, joints[0]: one, joints[1]: two} for one, two in readings.tolist())
-    places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
-    off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()
-    leaves, misses = quantity(float(np.abs(places[:, 2]).max()), 'm'), f'{1e6 * off:.2g} µm'
-    cost = f'the tip leaves the plane by up to {leaves}, and is up to {misses} off the model in it'
-    return f'{degrees(arm.tilt):.3g} degrees off parallel: {cost}'

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import InputError, did_you_mean
+from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.model.arrays import Floats
 
 MOST_BYTES = 16 * 1024**2
@@ -187,17 +188,8 @@ def read_robot(path: Path) -> Robot:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a URDF file.
-
-    Raises:
-        InputError: it cannot be read, or is too large.
-    """
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError(path, f'expected at most {MOST_BYTES >> 20} MiB of URDF', 'give the URDF, not a mesh')
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f'cannot be read: {error.strerror}', 'check the path') from error
+    """The content of a URDF file."""
+    return read_file(path, InputError, MOST_BYTES, 'URDF')
 
 
 def _expanded(path: Path) -> bytes:

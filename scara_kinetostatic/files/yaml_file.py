@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 import yaml
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.files.columns import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
 
@@ -86,22 +87,12 @@ def read_text(path: str | Path, problem: _Problem) -> str:
         problem: error class to raise.
 
     Raises:
-        problem: no such file, no regular file, unreadable, over `_MAX_BYTES` or not UTF-8.
+        problem: as `read_file`; larger than `_MAX_BYTES`, or not UTF-8.
     """
-    path = Path(path)
     try:
-        if not path.exists():
-            raise problem(path, 'there is no such file', 'check the path')
-        if not path.is_file():
-            raise problem(path, 'expected a file, got ' + ('a folder' if path.is_dir() else 'something else'))
-        if (size := path.stat().st_size) > _MAX_BYTES:
-            raise problem(path, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
-        return path.read_bytes().decode('utf-8-sig')
+        return read_file(path, problem, _MAX_BYTES, 'YAML').decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise problem(path, f'not UTF-8 text (byte {error.start})', 'save it as UTF-8') from error
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise problem(path, f'cannot be read: {reason}') from error
 
 
 def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.writer import CompressionType, IndexType, Writer
-from rosbags import rosbag2
+from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
@@ -136,6 +136,25 @@ def write_rosbag2(
             if item.topic not in connections:
                 connections[item.topic] = writer.add_connection(item.topic, item.msgtype, typestore=STORE)
             writer.write(connections[item.topic], item.log_time, item.payload)
+
+
+def write_sqlite(path: Path, items: list[Message], mode: CompressionMode = CompressionMode.NONE) -> Path:
+    """A rosbag2 folder with a database, whose path is returned, as it is where nothing is compressed."""
+    write_rosbag2(path, items, storage=StoragePlugin.SQLITE3, mode=mode)
+    return path / f'{path.name}.db3'
+
+
+def write_ros1(path: Path, items: list[Message], compression: rosbag1.Writer.CompressionFormat | None = None) -> None:
+    """A bag of ROS 1, by `rosbags`."""
+    writer, ros1 = rosbag1.Writer(path), get_typestore(Stores.ROS1_NOETIC)
+    writer.chunk_threshold = 1 << 14
+    if compression:
+        writer.set_compression(compression)
+    with writer:
+        kinds = dict(item[:2] for item in items)
+        connections = {topic: writer.add_connection(topic, kind, typestore=ros1) for topic, kind in kinds.items()}
+        for item in items:
+            writer.write(connections[item.topic], item.log_time, STORE.cdr_to_ros1(item.payload, item.msgtype))
 
 
 def write_split(path: Path, parts: list[list[Message]]) -> None:

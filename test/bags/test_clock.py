@@ -17,8 +17,6 @@ from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStrea
 SECOND = 1_000_000_000
 MADE = make_streams()
 JOINTS, WRENCH = MADE.joints.stamp, MADE.wrench.stamp
-SLOW = [T0 + (stamp - T0) * 45 for stamp in (JOINTS, WRENCH)]
-"""The same over some 160 s."""
 STRAY = 'dropped whose stamp is zero or far off those around it'
 
 
@@ -93,28 +91,6 @@ def test_stamps_that_are_mended(tmp_path, joints, wrench, lost, order, warning):
 def test_stamps_that_are_refused(tmp_path, joints, wrench, times, refusal):
     with pytest.raises(RecordingError, match=f'`header.stamp` of /joint_states {refusal}.*sensor.time_offset'):
         record(tmp_path, joints, wrench, *times)
-
-
-BUSY = [stamp + (np.sin((stamp - T0) / SECOND) ** 2 * 0.6 * SECOND).astype(np.int64) for stamp in (JOINTS, WRENCH)]
-"""Both topics are received late, by up to 0.6 s, at the same moments; the lag of each by itself varies too much."""
-
-
-@pytest.mark.parametrize(
-    ('stamps', 'times'),
-    [
-        ((JOINTS, WRENCH), (JOINTS + 7_000_000, WRENCH + 12_000_000)),
-        (SLOW, (SLOW[0], SLOW[1] + 4 * SECOND - (SLOW[1] - T0) % (4 * SECOND))),
-        ([stamp - T0 + SECOND for stamp in SLOW], [T0 + (stamp - T0 + SECOND) // 5 for stamp in SLOW]),
-        ([np.where(stamp > stamp[150], stamp + 3600 * SECOND, stamp) for stamp in (JOINTS, WRENCH)], ()),
-        ((JOINTS, WRENCH), BUSY),
-    ],
-    ids=['late', 'bursts', 'simulated clock', 'pause', 'busy'],
-)
-def test_header_stamps_count_whatever_the_recorder_does(tmp_path, stamps, times):
-    read = record(tmp_path, *stamps, *times)
-    np.testing.assert_array_equal(read.joints.stamp, stamps[0])
-    np.testing.assert_array_equal(read.wrench.stamp, stamps[1])
-    assert read.warnings == ()
 
 
 def test_a_stated_offset_is_added(tmp_path):

@@ -11,7 +11,7 @@ from scara_kinetostatic.bags import writer
 from scara_kinetostatic.bags.writer import fresh_folder, write_streams
 from scara_kinetostatic.errors import OutputError
 
-NAMES = ('bag', 'bare.mcap', 'ros1.bag')
+NAMES = ('bag', 'bare.mcap')
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -45,7 +45,7 @@ def test_somebody_else_is_faster(tmp_path, streams, name, monkeypatch):
     assert [item.name for item in tmp_path.iterdir()] == [name]
 
 
-@pytest.mark.parametrize('name', [*NAMES, 'sqlite'])
+@pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('fault', [OSError(errno.ENOSPC, 'No space left on device'), KeyboardInterrupt()])
 def test_all_or_nothing(tmp_path, streams, name, fault, monkeypatch):
     messages = writer._messages
@@ -57,10 +57,9 @@ def test_all_or_nothing(tmp_path, streams, name, fault, monkeypatch):
             yield message
 
     monkeypatch.setattr(writer, '_messages', failing)
-    storage = 'sqlite3' if name == 'sqlite' else 'mcap'
     expected = OutputError if isinstance(fault, OSError) else KeyboardInterrupt
     with pytest.raises(expected) as caught:
-        write_streams(tmp_path / 'deep' / name, streams, CELL, storage=storage)
+        write_streams(tmp_path / 'deep' / name, streams, CELL)
     assert list((tmp_path / 'deep').iterdir()) == []
     if expected is OutputError:
         assert 'cannot be written: No space left on device' in str(caught.value)
@@ -68,16 +67,18 @@ def test_all_or_nothing(tmp_path, streams, name, fault, monkeypatch):
 
 def test_places_that_cannot_be_written(tmp_path, streams):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(OutputError, match='file is not a folder; choose another place'):
+    with pytest.raises(OutputError, match='file/bag: cannot be written: File exists; choose another place'):
         write_streams(tmp_path / 'file' / 'bag', streams, CELL)
     for path in ('/proc/nowhere/bag', tmp_path / 'a\0b', tmp_path / ('x' * 300)):
         with pytest.raises(OutputError):
             write_streams(path, streams, CELL)
 
 
-def test_nothing_to_record(tmp_path):
+def test_what_is_not_recorded(tmp_path, streams):
     with pytest.raises(OutputError, match='nothing to record'):
         write_streams(tmp_path / 'bag', make_streams(0, 0), CELL)
+    with pytest.raises(OutputError, match=r'a\.bag: is written as MCAP alone; .*rosbags-convert'):
+        write_streams(tmp_path / 'a.bag', streams, CELL)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -52,15 +52,6 @@ def test_the_document(folder):
     assert document['additional_disc']['best']['tip'] < 0.7 * document['additional_disc']['without']
 
 
-def test_the_page_stands_alone(folder):
-    page = (folder / 'design.html').read_text().replace('\u00a0', ' ')
-    assert page.count('<svg') == 4
-    assert 'touches reach 11.0 µm and check themselves' in page
-    first = page.index('Noise of a touch is assumed: 10 µrad per joint, 0.3 N per component')
-    assert first < page.index('Lower bound for any set that survives a loss')
-    assert 'http://' not in page.replace('http://www.w3.org', '')
-
-
 def test_the_plan_is_one_for_simulate(folder, tmp_path, capsys):
     plan = parse_plan((folder / 'plan.yaml').read_text(), Cell(PAPER_NOMINAL, PAPER_DISCS))
     assert main(['simulate', '--plan', str(folder / 'plan.yaml'), '--out', str(tmp_path / 'bag')]) == 0

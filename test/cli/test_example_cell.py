@@ -44,7 +44,7 @@ def test_no_verb_that_takes_a_cell_is_left_out():
 
 
 @pytest.mark.parametrize('verb', ARGUMENTS)
-@pytest.mark.usefixtures('without_page')
+@pytest.mark.usefixtures('without_page', 'undiagnosed')
 def test_it_runs(verb, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     if verb == 'mujoco' and not importlib.util.find_spec('mujoco'):

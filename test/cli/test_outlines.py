@@ -5,6 +5,7 @@ import json
 
 import pytest
 from cli.conftest import SLOW
+from conftest import page_left_out
 
 from scara_kinetostatic.cli.main import main
 
@@ -31,7 +32,8 @@ def folder(tmp_path_factory):
     cell.write_text(CELL)
     for seed in ('1', '2'):
         assert main(['simulate', '--cell', str(cell), '--out', str(folder / f'bag{seed}'), '--seed', seed, *SLOW]) == 0
-    assert main(['calibrate', str(folder / 'bag1'), '--cell', str(cell), '--out', str(folder / 'out')]) == 0
+    with page_left_out():
+        assert main(['calibrate', str(folder / 'bag1'), '--cell', str(cell), '--out', str(folder / 'out')]) == 0
     return folder
 
 
@@ -43,7 +45,6 @@ def test_the_result_is_fit(folder):
     assert touches['used'] == touches['found'] > 50
     assert {touch['object'] for touch in touches['fitted']} == {'block', 'disc', 'edge'}
     assert len({touch['surface'] for touch in touches['fitted']}) >= 8
-    assert '<svg' in (folder / 'out' / 'report.html').read_text()
 
 
 def test_touches_that_it_has_not_seen_agree(folder):

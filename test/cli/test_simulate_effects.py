@@ -10,8 +10,6 @@ import pytest
 from cli.command import refused
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
-from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.touches.detection import find_touches
 
 pytestmark = pytest.mark.usefixtures('without_page')
@@ -62,7 +60,7 @@ def test_truth_file_plays_the_same_again(run, tmp_path):
         (('--effect', 'object_radius[disc_2]:size=1e-4'), ('expected radius once each', 'radius (m; ')),
         (('--effect', RADIUS, '--effect', RADIUS), ('object_radius[disc_2]', 'twice')),
         (('--effect', RADIUS, '--truth-file', 'taken'), ('taken', 'exists')),
-        (('--effect', RADIUS, '--truth-file', 'taken/deeper'), ('taken', 'not a folder')),
+        (('--effect', RADIUS, '--truth-file', 'taken/deeper'), ('taken', 'cannot be written')),
     ],
 )
 def test_what_cannot_be_played_leaves_nothing(run, recordings, tmp_path, options, words):
@@ -71,14 +69,6 @@ def test_what_cannot_be_played_leaves_nothing(run, recordings, tmp_path, options
     refused(run('simulate', '--out', 'x', '--plan', recordings / 'few.yaml', *options, *beside), 2, *words)
     assert [path.name for path in tmp_path.iterdir()] == ['taken']
     assert (tmp_path / 'taken').read_text() == 'mine'
-
-
-def test_effects_are_listed_with_their_parameters(run):
-    result = run('simulate', '--list-effects')
-    assert result.status == 0
-    for effect in catalogue(PAPER_CELL):
-        assert effect.label in result.out
-        assert all(p.name in result.out and p.meaning in result.out for p in effect.parameters)
 
 
 def test_slip_with_memory_is_found_in_a_recording(run, tmp_path):

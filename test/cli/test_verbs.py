@@ -93,17 +93,6 @@ def test_inspect_says_why_a_touch_is_rejected(run, recordings, tmp_path):
     assert result.out.count('rejected: ') == 12
 
 
-@pytest.mark.parametrize(
-    ('name', 'options'),
-    [('folder', ()), ('folder', ('--storage', 'sqlite3', '--compression', 'zstd')), ('one.bag', ())],
-)
-def test_simulate_makes_every_form(run, recordings, name, options):
-    made = run('simulate', '--out', name, '--plan', recordings / 'few.yaml', *options)
-    assert (made.status, made.err) == (0, '')
-    assert '3 touches' in made.out
-    assert '3 touches found: 3 accepted' in run('inspect', name).out
-
-
 def test_simulate_is_repeatable_and_follows_its_options(run, recordings, tmp_path):
     def simulate(name: str, *options: object) -> bytes:
         assert run('simulate', '--out', name, '--plan', recordings / 'few.yaml', *options).status == 0
@@ -112,10 +101,6 @@ def test_simulate_is_repeatable_and_follows_its_options(run, recordings, tmp_pat
     first = simulate('a.mcap', '--seed', 4)
     assert simulate('b.mcap', '--seed', 4) == first
     assert simulate('c.mcap', '--seed', 5) != first
-    simulate('d.mcap', '--frame', 'tool', '--sign', 'on_robot')
-    cell = embedded_cell(tmp_path / 'd.mcap')
-    assert cell is not None
-    assert (cell.sensor.frame.value, cell.sensor.sign.value) == ('tool', 'on_robot')
     simulate('e.mcap', '--plain')
     assert embedded_cell(tmp_path / 'e.mcap') is None
 
@@ -126,11 +111,9 @@ def test_simulate_takes_the_truth_by_name_or_from_a_file(run, recordings, tmp_pa
         pairs = out.partition('truth: ')[2].split(', ')
         return {name: float(value) for name, value in (pair.split() for pair in pairs)}
 
-    assert told('--out', 'a') == pytest.approx(TRUTH)
+    assert told('--out', 'a', '--compression', 'zstd') == pytest.approx(TRUTH)
+    assert '3 touches found: 3 accepted' in run('inspect', 'a').out
     assert told('--out', 'b', '--truth', 'measured') == pytest.approx(PAPER_MEASURED.as_dict())
-    lines = [f'{name}: {value + (name == "l1") * 1e-3}' for name, value in TRUTH.items()]
-    (tmp_path / 'truth.yaml').write_text('\n'.join(lines))
-    assert told('--out', 'c', '--truth', 'truth.yaml')['l1'] == pytest.approx(0.3312)
     other = (recordings / 'cell.yaml').read_text().replace('l1: 0.33,', 'l1: 0.34,')
     (tmp_path / 'other.yaml').write_text(other)
     shifted = told('--out', 'd', '--cell', 'other.yaml')

@@ -86,7 +86,7 @@ def test_no_such_effect():
         find(CELL, 'object_radius')
     with pytest.raises(ParameterError, match=r'no such target in this cell; give sensor_bias$'):
         find(CELL, 'sensor_bias[joint1]')
-    with pytest.raises(ParameterError, match=r'no such effect; did you mean object_radius\[disc_1\] or'):
+    with pytest.raises(ParameterError, match=r'no such effect; did you mean .object_radius.?'):
         find(CELL, 'object_radios[disc_1]')
 
 

@@ -1,4 +1,4 @@
-"""A calibrated arm survives `calibration.json` and `calibration.yaml`; what is none is refused in one line."""
+"""A calibrated arm survives `calibration.json`; what is none is refused in one line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
-from scara_kinetostatic.results.parameter_file import parameter_text
 
 
 def same(one: CalibratedArm, other: CalibratedArm) -> None:
@@ -34,17 +33,13 @@ def same(one: CalibratedArm, other: CalibratedArm) -> None:
         assert getattr(one, name) == getattr(other, name), name
 
 
-@pytest.mark.parametrize('which', ['plain', 'confounded', 'grown', 'unnamed'])
-def test_both_files_hold_the_arm(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+@pytest.mark.parametrize('which', ['plain', 'confounded'])
+def test_the_file_holds_the_arm(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     arm = CalibratedArm.of_outcome(outcome)
-    for name, text in (
-        ('calibration.json', json_text(as_document(outcome))),
-        ('calibration.yaml', parameter_text(outcome)),
-    ):
-        path = tmp_path / name
-        path.write_text(text, encoding='utf-8')
-        same(load_calibration(path), arm)
+    path = tmp_path / 'calibration.json'
+    path.write_text(json_text(as_document(outcome)), encoding='utf-8')
+    same(load_calibration(path), arm)
     assert arm.undetermined.shape[1] == (which == 'confounded')
 
 
@@ -130,19 +125,9 @@ def test_a_gripper_that_older_files_state_to_be_isotropic_is_read(plain: Outcome
     assert load_calibration(path).cell == plain.calibration.cell
 
 
-def test_a_value_changed_by_hand_in_the_parameter_file_is_refused(plain: Outcome, tmp_path: Path) -> None:
-    path, text = tmp_path / 'calibration.yaml', parameter_text(plain)
-    value = repr(plain.final.parameters.l1)
-    assert text.count(f'l1: {value}\n') == 1
-    path.write_text(text.replace(f'l1: {value}\n', 'l1: 0.34\n'), encoding='utf-8')
-    with pytest.raises(CalibrationFileError, match=r'calibrated.l1 is 0.34, but the calibrated model has 0.33'):
-        load_calibration(path)
-
-
-@pytest.mark.parametrize('name', ['calibration.json', 'calibration.yaml'])
 @pytest.mark.parametrize('content', [b'', b'{"schema": ', b'\xff\xfe', b'[' * 100_000, b'/**: {ros__parameters: 3}'])
-def test_files_that_are_none(name: str, content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / name
+def test_files_that_are_none(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / 'calibration.json'
     with pytest.raises(CalibrationFileError):
         load_calibration(path)
     path.write_bytes(content)

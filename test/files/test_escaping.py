@@ -53,7 +53,7 @@ def poisoned(arm: CalibratedArm, poison: str) -> CalibratedArm:
 
 
 def file(arm: CalibratedArm, kind: str, poison: str) -> str:
-    return exported(poisoned(arm, poison), kind, f'{poison}.json')[0]
+    return exported(poisoned(arm, poison), kind, f'{poison}.json', step=0.2)[0]
 
 
 def joints_of(robot: ElementTree.Element) -> list[str]:

@@ -32,17 +32,17 @@ def described(text: str, name: str = 'scara', **more: object) -> tuple[str, list
 
 @pytest.mark.parametrize('name', CASES)
 def test_tip_and_weight_are_those_of_the_robot(name: str) -> None:
-    """60 poses each; axes that are not exactly parallel, as the truncated numbers of one make them, cost torque."""
+    """20 poses each; axes that are not exactly parallel, as the truncated numbers of one make them, cost torque."""
     case, text = CASES[name], text_of(CASES[name])
     cell, tree = cell_of(described(text, name)[0]), Tree(text)
     assert cell.hold.keys() >= case.at.keys() and cell.plane.tip == case.tip
-    readings = np.random.default_rng(7).uniform(-3, 3, (60, 2))
+    readings = np.random.default_rng(7).uniform(-3, 3, (20, 2))
     positions = [dict(cell.hold) | dict(zip(case.joints, pair, strict=True)) for pair in readings.tolist()]
     tips = np.array([tree.frame(case.tip, each)[1] for each in positions])
     angles = cell.angles(readings)
     np.testing.assert_allclose(cell.plane.in_plane(tips)[:, :2], forward(cell.nominal, angles), rtol=0, atol=1e-9)
     torques = [[tree.holding_torque(joint, each) for joint in case.joints] for each in positions]
-    found = cell.in_sense(joint_torques(cell.nominal, angles, np.zeros((60, 2))))
+    found = cell.in_sense(joint_torques(cell.nominal, angles, np.zeros((20, 2))))
     np.testing.assert_allclose(found, torques, rtol=0, atol=1e-5 if name == 'xarm' else 1e-9)
 
 
@@ -132,10 +132,9 @@ def test_a_prismatic_joint_between_the_two_is_refused() -> None:
         described(moved, joints=('shoulder', 'flange'), at={})
 
 
-def test_axes_that_are_one_degree_off_are_said_with_what_it_costs() -> None:
+def test_axes_that_are_one_degree_off_are_said() -> None:
     text, notes = described(SCARA.replace(ELBOW, ELBOW.replace('0 0 -1', '0 0.017455 -1')))
-    assert notes[0].startswith('the axes are 1 degrees off parallel: the tip leaves the plane by up to ')
-    assert 'off the model in it' in notes[0] and notes[0] in text.replace('Their axes', 'the axes')
+    assert notes[0] == 'the axes are 1 degrees off parallel' and notes[0] in text.replace('Their axes', 'the axes')
 
 
 def test_without_inertias_the_moments_are_to_be_stated() -> None:

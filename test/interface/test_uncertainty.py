@@ -20,12 +20,12 @@ ELBOW = ['left', 'right', 'left', 'right']
 CELL = sk.load_cell(Path(__file__).parents[2] / 'config' / 'cell.yaml')
 
 
-@pytest.fixture(scope='module', params=['base', 'extended'])
-def outcome(request):
-    """With the base model alone, and with effects of joints and sensor."""
-    effects = ['transmission_error[joint1]:amplitude=2e-4,phase=0.7,cycles=7.3'] if request.param == 'extended' else []
-    found = sk.diagnose(sk.simulate(CELL, sk.PAPER_ACTUAL, effects=effects, per_disc=18, seed=3), CELL)
-    assert found.verdict == ('explained' if effects else 'none')
+@pytest.fixture(scope='module')
+def outcome():
+    """With an effect of a joint, and all those too small to be found."""
+    effect = 'transmission_error[joint1]:amplitude=2e-4,phase=0.7,cycles=7.3'
+    found = sk.diagnose(sk.simulate(CELL, sk.PAPER_ACTUAL, effects=effect, per_disc=18, seed=3), CELL)
+    assert found.verdict == 'explained'
     return found
 
 
@@ -145,10 +145,6 @@ def test_arrays_become_touches_as_tables_do():
     assert made.disc.tolist() == [0, 0]
     with pytest.raises(sk.InputError, match='give one row per touch'):
         sk.make_touches(joints, force[0], CELL)
-    alone = sk.simulate(CELL, {}, effects='encoder_gain[joint1]:gain=1e-3')
-    np.testing.assert_array_equal(
-        alone.joints, sk.simulate(CELL, {}, effects=['encoder_gain[joint1]:gain=1e-3']).joints
-    )
 
 
 def test_a_calibration_is_diagnosed_as_it_is():

@@ -62,10 +62,6 @@ def test_all_touches_are_found_and_nearly_all_used(name):
     assert (cell_of(name).noise is None) == (name == WITHOUT_CELL)
 
 
-BOTH = [(name, False) for name in NAMED] + [('engine_f', True)]
-"""With the noise as given, and estimated."""
-
-
 def test_without_an_effect_nothing_is_found():
     outcome = outcome_of(WITHOUT_EFFECT)
     assert truth_of(WITHOUT_EFFECT)['effects'] == []
@@ -75,11 +71,11 @@ def test_without_an_effect_nothing_is_found():
     assert largest_deviation(outcome, WITHOUT_EFFECT) < 4
 
 
-@pytest.mark.parametrize(('name', 'estimated'), BOTH)
-def test_the_effect_is_named_and_the_base_parameters_are_right(name, estimated):
-    outcome = outcome_of(name, True) if estimated else outcome_of(name)
+@pytest.mark.parametrize('name', NAMED)
+def test_the_effect_is_named_and_the_base_parameters_are_right(name):
+    outcome = outcome_of(name)
     assert outcome.verdict == 'explained'
-    assert outcome.diagnosis.p_value < (1e-3 if estimated and name in TOUCHES else 1e-6)
+    assert outcome.diagnosis.p_value < 1e-6
     assert [item.effect.label for item in outcome.diagnosis.found] == [built_effect(name)[0]]
     assert largest_deviation(outcome, name) < 4
     if name == FRICTION:  # at most μ N; most touches stick with less, so the root mean square is below μ

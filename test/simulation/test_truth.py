@@ -56,7 +56,7 @@ def test_disc_of_any_name():
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('gravity:g=1', r"effect 'gravity': no such effect.*simulate --list-effects"),
+        ('gravity:g=1', r"effect 'gravity': no such effect; the effects are .* joint_hardening"),
         ('object_radius:radius=1', r'no such target in this cell; give object_radius\[disc_1\]'),
         ('', 'no such effect'),
         ('sensor_bias', r'expected x, y once each; the parameters of sensor_bias are x \(N; .*\), y \(N; '),

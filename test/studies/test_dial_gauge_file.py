@@ -82,6 +82,7 @@ def test_a_run_is_of_one_part_one_direction_and_one_lever():
         ('force_N,displacement_m,part\n1,0,elbow\n', "line 2: part: expected gripper or joint1 or joint2, got 'elbow'"),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a number above 0'),
         ('force_N,displacement_m,direction_deg\n1,0,9000\n', 'line 2: direction_deg: 9000 is too large'),
+        ('force_N,displacement_m\n' + 'x,0\n' * 9, '; wrong rows besides: 8'),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(text, message):
