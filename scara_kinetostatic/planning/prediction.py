@@ -261,6 +261,8 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
 _KINDS = {
     'object_position': 'the places of the discs',
     'object_radius': 'the radii of the discs',
+    'object_rotation': 'the rotation of the objects',
+    'object_offset': 'the offset of the sides of the objects',
     'plate_position': 'the places of the plates',
     'plate_angle': 'the rotation of the plates',
     'radius': 'the error common to all radii',

@@ -45,16 +45,12 @@ def test_the_document(folder):
     assert max(recommended['leverage']) == recommended['largest_leverage'] <= 0.8
     assert document['robot']['noise_assumed'] == ['joint', 'force']
     assert document['declared_uncertainties'] is None
-    one_level = {row['label']: row for row in document['tables']['levels']}['40 N']
-    assert (one_level['rank'], one_level['confounded']) == (11, [['p_ee', 'g_ee']])
-    assert one_level['std']['p_ee'] is None
-    assert one_level['tip_free']['largest'] < 1e-5
     assert document['additional_disc']['best']['tip'] < 0.7 * document['additional_disc']['without']
 
 
 def test_the_page_stands_alone(folder):
     page = (folder / 'design.html').read_text().replace('\u00a0', ' ')
-    assert page.count('<svg') == 4
+    assert page.count('<svg') == 3
     assert 'touches reach 11.0 µm and check themselves' in page
     first = page.index('Noise of a touch is assumed: 10 µrad per joint, 0.3 N per component')
     assert first < page.index('Lower bound for any set that survives a loss')
