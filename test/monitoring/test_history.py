@@ -6,7 +6,6 @@ import json
 import signal
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from cli.conftest import recordings, run
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.monitoring import archive
-from scara_kinetostatic.monitoring.archive import Done, in_processes, on_cluster, recalibrate, tasks_of
+from scara_kinetostatic.monitoring.archive import in_processes, tasks_of
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import json_text
@@ -169,69 +168,31 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
         assert wrong.status == 2 and wrong.err.count('\n') == 1
 
 
-def test_an_archive_goes_on_where_it_was_interrupted(run: Run, recordings: Path, tmp_path: Path) -> None:
-    cell, good, plain, few = (recordings / name for name in ('cell.yaml', 'good', 'plain', 'few'))
-    common = ('--cell', cell, '--out', 'a', '--no-report')
-    done = run('recalibrate', plain, few, *common, '--history', 'h.sqlite')
+def test_an_archive_goes_on_where_a_recording_fails(
+    run: Run, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, plain, few = (recordings / name for name in ('cell.yaml', 'plain', 'few'))
+    done = run('recalibrate', plain, few, '--cell', cell, '--out', 'a', '--no-report', '--history', 'h.sqlite')
     assert done.status == 3 and done.err.count('\n') == 1 and '1 of 2' in done.err
     assert 'plain: fit' in done.out and 'few: 3 touches' in done.out and '1 results added' in done.out
     assert len(History(tmp_path / 'h.sqlite').entries()) == 1
     assert not (tmp_path / 'a/plain/report.html').exists()
-    before = (tmp_path / 'a/plain/calibration.json').read_bytes()
-    done = run('recalibrate', plain, good, *common, '--resume')
-    assert 'plain: fit, as before' in done.out and 'good: fit\n' in done.out
-    assert (tmp_path / 'a/plain/calibration.json').read_bytes() == before
-    task = tasks_of([plain], cell, tmp_path / 'a', resume=True, report=False)[0]
-    assert recalibrate(task).earlier and not recalibrate(task._replace(recording=str(few))).earlier
-    assert run('recalibrate', plain, '--cell', cell, '--dask', 'nonsense').status == 2
     with pytest.raises(InputError, match='has the name of'):
         tasks_of([Path('a/x.mcap'), Path('b/x.mcap')], None, tmp_path)
 
-
-def test_a_recording_that_ends_a_process_does_not_stop_the_others(
-    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     def fail(*_: object) -> None:
         raise MemoryError('no room')
 
     monkeypatch.setattr(archive, 'calibrate_recordings', fail)
-    (done,) = in_processes(tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path), 1)
-    assert done.problem == 'internal error, MemoryError: no room'
-
-    def lost() -> Done:
-        raise BrokenProcessPool
-
-    assert 'its process was lost, BrokenProcessPool' in archive._answer(done.task, lost).problem
+    (failed,) = in_processes(tasks_of([plain], cell, tmp_path), 1)
+    assert failed.problem == 'internal error, MemoryError: no room'
 
 
 def test_processes_leave_interrupts_to_the_first_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(archive, 'recalibrate', signal.getsignal)
     interrupt: Any = signal.SIGINT
-    found: list[Any] = list(in_processes([interrupt, interrupt], 2))
+    found = [done.grade for done in in_processes([interrupt, interrupt], 2)]
     assert found == [signal.SIG_IGN] * 2 and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-
-
-def parameters(done: Done) -> dict[str, Any]:
-    """Values and standard uncertainties of a result; threads of the linear algebra change the last digits."""
-    assert done.problem == ''
-    found = json.loads((Path(done.task.folder) / 'calibration.json').read_text())['parameters']
-    values = {f'{name}.{key}': part[key] for name, part in found.items() for key in ('value', 'std')}
-    return pytest.approx(values, rel=1e-9)
-
-
-def test_processes_and_a_cluster_give_the_same_results(recordings: Path, tmp_path: Path) -> None:
-    one, two, three = (
-        tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path / name, report=False) for name in '123'
-    )
-    (here,), (there,) = in_processes(one, 1), in_processes(two, 2)
-    assert parameters(there) == parameters(here).expected
-    distributed = pytest.importorskip('distributed')
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=':0') as cluster:
-        with pytest.raises(InputError, match='has no worker'):
-            list(on_cluster(three, cluster.scheduler_address, patience=0.1))
-        cluster.scale(1)
-        (far,) = on_cluster(three, cluster.scheduler_address)
-    assert parameters(far) == parameters(here).expected
 
 
 def test_a_history_after_analyze(tmp_path: Path) -> None:
