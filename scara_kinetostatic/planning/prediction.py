@@ -48,7 +48,7 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, press_aside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
@@ -210,7 +210,9 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         motion = press_aside(p, joints, added, np.where(eased, -plan.aside, plan.aside))
         loaded = np.concatenate([joints - motion, eased[:, None] * peak], axis=1)[:, None]
         plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
-        observations = observations._replace(metadata=(metadata or plain)._replace(surface=surface))
+        metadata = (metadata or plain)._replace(surface=surface)
+        measured = reported_force(robot.model, measured, metadata)
+        observations = observations._replace(metadata=metadata, force=measured)
     if declared is not None:
         observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
     point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)
