@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from benchmark.next import case, even, random_cell
 from scara_kinetostatic.calibration.tip_uncertainty import region_grid
 from scara_kinetostatic.cli.main import main
-from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.cell_file import dump_cell
@@ -297,18 +296,16 @@ def test_the_shortest_order_is_that_of_a_line():
     assert shortest_order(np.abs(places[:, None] - places), first=4)[0] == 4
 
 
-def test_touches_that_discriminate_come_first_and_what_is_given_up_is_left_out():
-    kinds = ((-1.6, 1, False), (1.2, 1, True), (-2.0, -1, True))
-    those = [DiscriminatingTouch('disc_2', *kind[:2], 40.0, kind[2], 3.2, 7.1) for kind in kinds]
-    planner = planner_of(CELL, suspected=frozenset({'base_compliance'}), given_up=((1, -1.6, 1),))
-    for number in (1, 4):
-        planned = planner.discriminating(those, number)
-        assert planned.left_out == [f'{those[0]}: given up']
-        by_rivals = [reason == 'predictions differ by 3.2 N, 7.1 σ' for reason in planned.reasons]
-        assert sum(by_rivals) == min(number, 2)
-        assert (planned.plan.preload[by_rivals] == 0.3).all()
-        others = [reason for reason, one in zip(planned.reasons, by_rivals, strict=True) if not one]
-        assert all(reason.startswith('decides base_compliance') for reason in others)
+def test_touches_that_discriminate_decide_what_is_suspected_and_what_is_given_up_is_left_out(planner):
+    suspicious = planner_of(CELL, suspected=frozenset({'base_compliance'}))
+    first = suspicious.discriminating(9).plan
+    given_up = ((int(first.disc[0]), float(first.angle[0]), int(first.posture[0])),)
+    planned = replace(suspicious, given_up=given_up).discriminating(4)
+    assert any('given up' in text for text in planned.left_out)
+    assert given_up[0] not in zip(planned.plan.disc, planned.plan.angle, planned.plan.posture, strict=True)
+    assert all(reason.startswith('decides base_compliance') for reason in planned.reasons)
+    with pytest.raises(UnsupportedDataError, match='hardly decide'):
+        planner.discriminating(4)
 
 
 def test_without_a_lift_an_open_outline_is_refused():
@@ -460,9 +457,7 @@ def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     assert main(['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5', '--out', str(out)]) == 0
     rows = rows_of(out / 'next.csv')
     assert len(rows) == 5
-    by_rivals = [row['reason'].startswith('predictions differ by ') for row in rows]
-    assert 1 <= sum(by_rivals) < 5
-    assert all(row['reason'].startswith('decides ') for row, one in zip(rows, by_rivals, strict=True) if not one)
+    assert all(row['reason'].startswith('decides ') for row in rows)
     assert len({(row['object'], row['angle_deg'], row['elbow'], row['force_N']) for row in rows}) == 5
 
 
