@@ -286,12 +286,10 @@ class ContactSimulator(CellNode):
         return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
 
     def _simulate(self, start: int = 0) -> Playback:
-        """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
+        """The next pass through the plan, with noise of its own, from relaxed joints."""
         assert self._plan is not None
-        cell, truth, seed, repeated = self._cell, self._truth, self.value('seed') + self._passes, self._passes > 0
-        streams = simulate_streams(
-            cell, truth, self._plan, sensors=self._sensors, seed=seed, start=0, repeated=repeated
-        )
+        seed = self.value('seed') + self._passes
+        streams = simulate_streams(self._cell, self._truth, self._plan, sensors=self._sensors, seed=seed, start=0)
         self._passes += 1
         read = replace(streams.joints, position=self._cell.readings(streams.joints.position))
         return Playback(replace(streams, joints=read), start)

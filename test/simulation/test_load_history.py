@@ -36,15 +36,6 @@ def test_the_memory_goes_from_touch_to_touch():
         path = np.concatenate([path, hold[None], np.zeros((1, 2))])
 
 
-def test_a_further_pass_begins_with_what_the_last_one_left():
-    plan, m = PLAN.select(np.arange(12)), 12
-    twice = Trajectory(CELL, SLIP, plan.select(np.tile(np.arange(m), 2)))
-    second = Trajectory(CELL, SLIP, plan, repeated=True)
-    np.testing.assert_allclose(second.hold_force, twice.hold_force[m:], rtol=0, atol=1e-3)
-    np.testing.assert_allclose(second.hold_joints, twice.hold_joints[m:], rtol=0, atol=1e-7)
-    assert np.abs(second.hold_joints - Trajectory(CELL, SLIP, plan).hold_joints)[0].max() > 1e-6
-
-
 def test_both_joints_slip_as_on_an_arm():
     """Where a joint is about to slip the force may miss the plan, but it is that of the robot at its joint angles."""
     plan = default_plan(CELL, 3, levels=(4.0, 10.0, 20.0), preload=0.3)
