@@ -4,9 +4,9 @@
 
 `measured` is when the last recording of the calibration began, `created` when it was calculated, both UTC as text that
 sorts by time; a calibration of unknown recordings counts as measured when it was calculated. `document` is the whole
-`calibration.json`, of which SQLite reads parts by `json_extract`. A calibration is added once: its checksum is that of
-its document. One that was calculated again from the same recordings replaces the earlier one in lists, which stays in
-the file.
+`calibration.json`: `sqlite3 FILE 'SELECT document FROM calibration WHERE id = 3'` gives number 3 back. A calibration is
+added once: its checksum is that of its document. One that was calculated again from the same recordings replaces the
+earlier one in lists, which stays in the file.
 
 Several processes may use the file at a time; what is written is written whole or not at all.
 """
@@ -152,18 +152,6 @@ class History:
         for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
             last[entry.robot, entry.record.checksums or entry.number] = entry.number
         return [entry for entry in found if replaced or entry.number in last.values()]
-
-    def document(self, number: int) -> str:
-        """The `calibration.json` of one calibration.
-
-        Raises:
-            InputError: there is none of that number.
-        """
-        with self._open() as connection:
-            row = connection.execute('SELECT document FROM calibration WHERE id = ?', (number,)).fetchone()
-        if row is None:
-            raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
-        return str(row[0])
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Takes calibrations out, all or none.

@@ -118,8 +118,8 @@ def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, t
     path = tmp_path / 'a.sqlite'
     first, second = (later(plain, f'2026-0{k}-01T00:00:00Z') for k in (1, 2))
     History(path, create=True).add([first, second])
-    run('history', 'extract', path, '2')
-    assert json.loads(Path('history/calibration.json').read_text()) == json.loads(json_text(dict(second.document)))
+    (kept,) = execute(path, 'SELECT document FROM calibration WHERE id = 2')
+    assert json.loads(kept[0]) == json.loads(json_text(dict(second.document)))
     execute(path, "UPDATE calibration SET document = '{' WHERE id = 1")
     wrong = run('history', 'list', path)
     assert wrong.status == 2 and wrong.err.count('\n') == 1 and 'calibration 1 cannot be read' in wrong.err
@@ -163,7 +163,7 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     assert page.status == 0 and 'the zero of joint 2 changed' in page.out
     assert (tmp_path / 'trend' / 'history.html').read_text().count('<svg') == 1
     lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite one'
-    for line in f'{lines}|extract h.sqlite'.split('|'):
+    for line in lines.split('|'):
         wrong = run('history', *line.split())
         assert wrong.status == 2 and wrong.err.count('\n') == 1
 
