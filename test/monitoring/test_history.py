@@ -22,6 +22,8 @@ from scara_kinetostatic.monitoring import archive
 from scara_kinetostatic.monitoring.archive import in_processes, tasks_of
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.report import history_report
+from scara_kinetostatic.report import as_text
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
 
@@ -75,18 +77,16 @@ def test_time_is_that_of_the_recording_and_the_last_result_of_it_counts(plain: O
     assert len(history.entries(replaced=True)) == 3
 
 
-def test_small_steps_add_up(run: Run, plain: Outcome, tmp_path: Path) -> None:
+def test_small_steps_add_up(plain: Outcome, tmp_path: Path) -> None:
     records = [later(plain, f'2026-0{k}-01T00:00:00Z', theta2=12e-6 * k) for k in range(1, 5)]
     history = History(tmp_path / 'a.sqlite', create=True)
     history.add(records)
     (trend,) = trends_of(history.entries())
     assert trend.changed == [] and trend.has_crept
     assert trend.slow is not None and trend.slow.causes.ranking[0].name == 'theta2' and trend.since == 1
-    page = run('history', 'page', 'a.sqlite')
-    assert 'From number 1 to number 4: Changed' in page.out
-    assert 'the zero of joint 2 changed' in page.out.replace('\n', ' ')
-    text = Path('history/history.html').read_text()
-    assert 'class="verdict caution"' in text and 'days since the first' in text
+    said = as_text(history_report([trend])).replace('\n', ' ')
+    assert 'From number 1 to number 4: Changed' in said and 'the zero of joint 2 changed' in said
+    assert history_report([trend]).answer.level == 'caution'
     history.add([later(plain, f'2026-1{k}-01T00:00:00Z', theta2=5e-4) for k in range(3)])
     (trend,) = trends_of(history.entries())
     assert len(trend.changed) == 1 and not trend.has_crept and trend.since == 5
@@ -161,7 +161,8 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     assert added.status == 0 and added.out.count('added') == 3
     page = run('history', 'page', 'h.sqlite', '--out', 'trend')
     assert page.status == 0 and 'the zero of joint 2 changed' in page.out
-    assert (tmp_path / 'trend' / 'history.html').read_text().count('<svg') == 1
+    text = (tmp_path / 'trend' / 'history.html').read_text()
+    assert text.count('<svg') == 1 and 'class="verdict caution"' in text and 'days since the first' in text
     lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite one'
     for line in lines.split('|'):
         wrong = run('history', *line.split())

@@ -51,26 +51,25 @@ def test_a_pressed_tip_has_the_force_of_the_model(frame: SensorFrame, angle: flo
 def test_a_tip_that_is_dragged_aside_has_the_whole_friction() -> None:
     """Under the force, and as it eases, whatever the tip did before: the force is off the normal by the coefficient."""
     at = Plant(CELL, EngineBody(replace(scene_named('plain'), contact_friction=0.15), CELL))
-    for angle in (0.3, 2.4):
+    for angle, side in ((0.3, 1), (2.4, -1)):
         out = np.array([[np.cos(angle), np.sin(angle)]])
         place, other = np.array([[DISC.x, DISC.y]]) + DISC.radius * out, np.array([-out[0, 1], out[0, 0]])
-        for side in (1, -1):
-            free, begin = (inverse(PAPER_ACTUAL, place + off * out, side)[0] for off in (0.01, 0.0))
-            aside = drag(np.array([angle]), side)
-            pressed = begin + press_aside(PAPER_ACTUAL, begin[None], -60 * out, aside)[0]
-            eased = pressed + press_aside(PAPER_ACTUAL, pressed[None], 15 * out, -aside)[0]
-            go(at, free, 0.02, 1.5)
-            go(at, free, 0.0, 0.3)
-            go(at, begin, 0.0, 0.5)
-            for joints, least in ((pressed, 30.0), (eased, 20.0)):
-                force = np.array(go(at, joints, 0.0, 1.0).true_force)
-                assert np.hypot(*force) > least
-                center = np.array([DISC.x, DISC.y]) - at.body._engine.tip
-                turned = center[0] * force[1] - center[1] * force[0]
-                assert turned / (center @ force) == pytest.approx(0.15 * np.sign(aside[0]), rel=0.02)
-            assert np.sign((at.body._engine.tip - place[0]) @ other) == -np.sign(aside[0])
-            go(at, free, 0.0, 0.5)
-            go(at, free, 0.02, 0.3)
+        free, begin = (inverse(PAPER_ACTUAL, place + off * out, side)[0] for off in (0.01, 0.0))
+        aside = drag(np.array([angle]), side)
+        pressed = begin + press_aside(PAPER_ACTUAL, begin[None], -60 * out, aside)[0]
+        eased = pressed + press_aside(PAPER_ACTUAL, pressed[None], 15 * out, -aside)[0]
+        go(at, free, 0.02, 1.5)
+        go(at, free, 0.0, 0.3)
+        go(at, begin, 0.0, 0.5)
+        for joints, least in ((pressed, 30.0), (eased, 20.0)):
+            force = np.array(go(at, joints, 0.0, 1.0).true_force)
+            assert np.hypot(*force) > least
+            center = np.array([DISC.x, DISC.y]) - at.body._engine.tip
+            turned = center[0] * force[1] - center[1] * force[0]
+            assert turned / (center @ force) == pytest.approx(0.15 * np.sign(aside[0]), rel=0.02)
+        assert np.sign((at.body._engine.tip - place[0]) @ other) == -np.sign(aside[0])
+        go(at, free, 0.0, 0.5)
+        go(at, free, 0.02, 0.3)
 
 
 def test_a_tip_that_slides_as_it_retracts_stays_in_contact_until_the_force_is_gone() -> None:

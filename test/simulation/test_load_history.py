@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from calibration.studies import CELL, EXACT
 
 from scara_kinetostatic.calibration.fit_point import force_residual
@@ -15,13 +16,18 @@ from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-PLAN = default_plan(CELL, 4, preload=0.4)
+PLAN = default_plan(CELL, 3, preload=0.4)
 SLIP = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((6e-5, 1.5), (4e-5, 2.0)))
 
 
-def test_the_memory_goes_from_touch_to_touch():
+@pytest.fixture(scope='module')
+def slipping():
+    return Trajectory(CELL, SLIP, PLAN)
+
+
+def test_the_memory_goes_from_touch_to_touch(slipping):
     """The state of friction of each hold, step by step through all peaks, holds and free motions."""
-    trajectory = Trajectory(CELL, SLIP, PLAN)
+    trajectory = slipping
     touches = simulate_touches(CELL, SLIP, PLAN, EXACT)
     peaks = torques_of(PAPER_ACTUAL, np.concatenate([trajectory.peak_joints, trajectory.peak_force], axis=1))
     holds = torques_of(PAPER_ACTUAL, np.concatenate([trajectory.hold_joints, trajectory.hold_force], axis=1))
@@ -45,12 +51,11 @@ def test_both_joints_slip_as_on_an_arm():
     np.testing.assert_allclose(force_residual(observe(touches, CELL), both), 0.0, rtol=0, atol=1e-6)
 
 
-def test_a_preloaded_joint_keeps_a_part_of_its_deflection():
+def test_a_preloaded_joint_keeps_a_part_of_its_deflection(slipping):
     """Unloaded from the preload by less than twice the slip torque, the joint angle stays ahead of the force."""
     alone = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0),), ((6e-5, 50.0),))
     still = Trajectory(CELL, alone, PLAN)
     rigid = Trajectory(CELL, PAPER_ACTUAL, PLAN)
     np.testing.assert_allclose(still.hold_joints, rigid.hold_joints, rtol=0, atol=1e-6)  # never slips
-    slipping = Trajectory(CELL, SLIP, PLAN)
     assert np.abs(slipping.hold_joints - rigid.hold_joints).max() > 1e-4
     np.testing.assert_allclose(np.hypot(*slipping.hold_force.T), PLAN.force, rtol=0.02)
