@@ -42,7 +42,7 @@ from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plan
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import load_planned
+from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.slides import Slide
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
@@ -229,7 +229,7 @@ class ContactSimulator(CellNode):
             return None
         if file and preload > 0:
             raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
-        return load_planned(file, cell) if file else default_plan(cell, preload=preload)
+        return load_plan(file, cell) if file else default_plan(cell, preload=preload)
 
     def _declared_truth(self) -> ExtendedModel:
         """The simulated robot with its effects; by default it deviates from the nominal one as in table 2.
