@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,16 +76,6 @@ def test_streams_are_finite_continuous_and_repeat(few: Plan) -> None:
     assert np.all(np.isfinite(first.wrench.force))
     speed = np.abs(np.diff(first.joints.position, axis=0)) / (1e-9 * np.diff(first.joints.stamp))[:, None]
     assert speed.max() < 12.0
-
-
-def test_the_press_is_the_part_of_the_last_movement_in_contact(
-    motion: Callable[[str], SimulatedMotion], plan: Plan
-) -> None:
-    touches = as_touches(motion('plain'), CELL, plan)
-    assert np.all(np.abs(touches.press) <= np.abs(touches.approach))
-    eased = plan.preload > 0  # both joints turned round in contact
-    assert np.array_equal(touches.press[eased], touches.approach[eased])
-    assert np.all(np.abs(touches.press[~eased]).max(axis=1) < 0.5 * np.abs(touches.approach[~eased]).max(axis=1))
 
 
 @pytest.mark.parametrize('one', ALL, ids=lambda one: one.scene)

@@ -102,11 +102,6 @@ def test_all_discs_on_one_plate_are_judged_in_its_frame():
     assert Robot.of(CELL).common_plate is None
 
 
-def test_noise_that_nobody_stated_is_marked():
-    assert Robot.of(replace(CELL, noise=None)).assumed == ('joint', 'force')
-    assert Robot.of(CELL).assumed == ()
-
-
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     prediction = predict(ROBOT, default_plan(CELL, levels=(40.0,)))
     at_level, below = tip_in_use(ROBOT, 40.0), tip_in_use(ROBOT, 20.0)
