@@ -25,11 +25,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
@@ -301,28 +302,21 @@ class Planner:
     @cached_property
     def _candidates(self) -> tuple[Plan, list[str]]:
         """The touches to choose from, and what was left out of each disc."""
-        cell, found, texts = self.arm.cell, list[str](), list[str]()
-
-        def keep(points: Plan) -> Mask:
-            found[:] = self.problems(points)
-            names = points.disc
-            for number, disc in enumerate(cell.discs):
-                here = [text for text, at in zip(found, names, strict=True) if at == number]
-                count = Counter(filter(None, here))
-                if count:
-                    why = ', '.join(f'{many} {text}' for text, many in count.most_common())
-                    texts.append(f'{disc.name}: {sum(count.values())} of {len(here)} places left out: {why}')
-            return np.array([not text for text in found])
-
-        low, high = cell.touch.force
-        levels = np.unique(np.linspace(low, high, 3)).tolist()
-        every = candidate_plan(self.robot, levels, per_disc=24, preload=PRELOAD, keep=keep)
-        if not len(every):
-            why = ', '.join(f'{many} {text}' for text, many in Counter(found).most_common())
+        cell, levels = self.arm.cell, np.unique(np.linspace(*self.arm.cell.touch.force, 3)).tolist()
+        anywhere = replace(self.robot, cell=replace(cell, limits=None))  # `problems` tells what they exclude
+        every = candidate_plan(anywhere, levels, per_disc=24, preload=PRELOAD)
+        problems = np.array(self.problems(every))
+        excluded: Mask = problems != ''
+        if excluded.all():
             remedy = 'correct the limits, the obstacles, the clearance or the places of the discs'
-            raise UnsupportedDataError(f'no touch can be reached: {why}', remedy)
-        may = [not text for text in self.problems(every)]  # where the least force is good, more may not be
-        return every.select(np.array(may)), texts
+            raise UnsupportedDataError(f'no touch can be reached: {_counted(problems)}', remedy)
+        texts = []
+        for number, disc in enumerate(cell.discs):
+            here = every.disc == number
+            if (excluded & here).any():
+                left = f'{np.count_nonzero(excluded & here)} of {np.count_nonzero(here)} touches left out'
+                texts.append(f'{disc.name}: {left}: {_counted(problems[here])}')
+        return every.select(~excluded), texts
 
     @cached_property
     def _information_made(self) -> Floats:
@@ -444,3 +438,8 @@ class Planner:
 def _is_size(effect: Effect) -> Mask:
     """Which of an effect's values are its size, the others its form, (k,)."""
     return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
+
+
+def _counted(problems: NDArray[np.str_]) -> str:
+    """What excludes touches, with how many, the most frequent first."""
+    return ', '.join(f'{many} {text}' for text, many in Counter(filter(None, problems.tolist())).most_common())

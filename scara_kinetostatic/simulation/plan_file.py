@@ -74,6 +74,8 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan | tupl
     data = parse_yaml(text, where, PlanError)
     if not isinstance(data, list) or not data:
         raise PlanError(where, 'expected a list with one touch or slide per entry', 'see docs/reference/formats.md')
+    required: tuple[str, ...]
+    optional: tuple[str, ...]
     if slides := isinstance(data[0], dict) and 'slide' in data[0]:
         what, required, optional = 'slide', ('slide',), (*_SLIDE_VALUES, 'posture')
     else:

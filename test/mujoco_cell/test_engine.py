@@ -70,22 +70,23 @@ def test_every_other_scene_differs_from_the_model(played_few: Play, name: str) -
     assert error_of_the_model(played_few(name)) > 1.0  # N
 
 
-def test_bearing_friction_holds_the_link_back(motion: Play, plan: Plan) -> None:
-    scene, friction = scene_named('joint_friction'), motion('joint_friction')
+def test_bearing_friction_holds_the_link_back(half: Plan) -> None:
+    scene = scene_named('joint_friction')
+    friction = TouchController(scene, CELL, half, BRISK).run()
     joints, links, force = (part[friction.holds] for part in (friction.joints, friction.links, friction.force))
     torques = np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, links), force)
     wound = (joints - links)[:, 1]
     spring = np.sign(wound) * np.maximum(np.abs(wound) - PAPER_ACTUAL.g2, 0.0) / PAPER_ACTUAL.p2
-    approach = as_touches(friction, CELL, plan).approach
+    approach = as_touches(friction, CELL, half).approach
     share = (spring - torques[:, 1]) / scene.bearing_friction[1] * np.sign(approach[:, 1])
     assert np.abs(share).max() < 1.02
     assert np.mean(share > 0.9) > 0.6
 
 
-def test_contact_friction_takes_either_sense_and_any_size(motion: Play, plan: Plan) -> None:
-    friction = motion('contact_friction')
+def test_contact_friction_takes_either_sense_and_any_size(half: Plan) -> None:
+    friction = TouchController(scene_named('contact_friction'), CELL, half, BRISK).run()
     links, force = friction.links[friction.holds], friction.force[friction.holds]
-    inward = CELL.centers[plan.disc] - kinematics.forward(PAPER_ACTUAL, links)
+    inward = CELL.centers[half.disc] - kinematics.forward(PAPER_ACTUAL, links)
     ratio = (inward * kinematics.quarter_turn(-force)).sum(axis=1) / (inward * force).sum(axis=1)
     coefficient = scene_named('contact_friction').contact_friction
     assert np.all(np.abs(ratio) < 1.1 * coefficient)

@@ -454,7 +454,7 @@ def test_a_calibration_stands_for_its_recordings_until_it_is_enough(made, tmp_pa
 
 def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     cell, bag = cell_file(), str(tmp_path / 'bag')
-    moved = ['--per-disc', '12', *SLOW, '--effect', 'sensor_nonlinearity:rate=0.006']
+    moved = ['--per-disc', '8', *SLOW, '--effect', 'sensor_nonlinearity:rate=0.006']
     assert main(['simulate', '--cell', str(cell), *moved, '--out', bag]) == 0
     out = tmp_path / 'decide'
     assert main(['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5', '--out', str(out)]) == 0

@@ -44,7 +44,7 @@ def test_the_memory_goes_from_touch_to_touch(slipping):
 
 def test_both_joints_slip_as_on_an_arm():
     """Where a joint is about to slip the force may miss the plan, but it is that of the robot at its joint angles."""
-    plan = default_plan(CELL, 3, levels=(4.0, 10.0, 20.0), preload=0.3)
+    plan = default_plan(CELL, 2, levels=(4.0, 10.0, 20.0), preload=0.3)
     both = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((1.9e-4, 2.2), (1.9e-4, 2.2)))
     touches = simulate_touches(CELL, both, plan, EXACT)
     np.testing.assert_allclose(np.hypot(*touches.force.T), plan.force, rtol=0.1)
