@@ -34,7 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('file', 'FILE', Path, 'the SQLite file'),
         ('items', 'CALIBRATION.json', str, 'files to add; or numbers to remove', {'nargs': '*'}),
         ('--robot', 'NAME', str, robot, {'default': ''}),
-        ('--all', '', bool, 'list also those that were calibrated again later'),
         ('--out', 'DIR', Path, 'of page (default: history)', {'default': Path('history')}),
     )
 
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
         history.remove([int(item) for item in args.items])
         print(f'removed: {" ".join(args.items)}')
         return
-    entries = history.entries(args.robot, replaced=args.all)
+    entries = history.entries(args.robot)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
     shown = history_report(trends_of(entries))

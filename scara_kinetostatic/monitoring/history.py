@@ -138,12 +138,9 @@ class History:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
 
-    def entries(self, robot: str = '', *, replaced: bool = False) -> list[Entry]:
-        """Calibrations in the order in which they were measured, of one robot or of all.
-
-        Args:
-            robot: its name; empty for all.
-            replaced: whether to give also those that were calculated again from the same recordings.
+    def entries(self, robot: str = '') -> list[Entry]:
+        """Calibrations in the order in which they were measured, of one robot or, without a name, of all; of several by
+        the same recordings the one that was calculated last.
         """
         with self._open() as connection:
             query = f"{_SELECT} WHERE ? IN (robot, '') ORDER BY robot, measured, created, id"
@@ -151,7 +148,7 @@ class History:
         last = {}
         for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
             last[entry.robot, entry.record.checksums or entry.number] = entry.number
-        return [entry for entry in found if replaced or entry.number in last.values()]
+        return [entry for entry in found if entry.number in last.values()]
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Takes calibrations out, all or none.

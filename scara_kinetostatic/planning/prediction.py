@@ -260,26 +260,11 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     )
 
 
-_KINDS = {
-    'object_position': 'the places of the discs',
-    'object_radius': 'the radii of the discs',
-    'object_rotation': 'the rotation of the objects',
-    'object_offset': 'the offset of the sides of the objects',
-    'plate_position': 'the places of the plates',
-    'plate_angle': 'the rotation of the plates',
-    'radius': 'the error common to all radii',
-    'force_gain': 'the gain of the force sensor',
-    'force_rotation': 'the rotation of the force sensor',
-    'nominal': 'the nominal values',
-}
-"""Kinds of declared uncertainties, in words."""
-
-
 def contributions(covariance: Floats, count: int, declared: DeclaredErrors | None, tip: Floats) -> dict[str, float]:
     """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
 
-    Their squares add up to the square of the whole. The places of all discs are one kind, and so on. A source with the
-    rows R of the prior contributes C RᵀR C to the covariance C.
+    Their squares add up to the square of the whole. The places of all discs, ``object_position``, are one kind, and so
+    on as in the budget of a calibration. A source with the rows R of the prior contributes C RᵀR C to the covariance C.
 
     Args:
         covariance: C of the values of the model and the declared errors.
@@ -294,8 +279,7 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
     if declared is not None:
         moved = worst @ covariance[:count] @ declared.prior.rows(count).T
         for source, rows in declared.prior.by_source():
-            kind = source.label.split('[')[0]
-            found[_KINDS.get(kind, kind)] += float((moved[:, rows] ** 2).sum())
+            found[source.label.split('[')[0]] += float((moved[:, rows] ** 2).sum())
     found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 

@@ -17,9 +17,9 @@ from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design, required
 from scara_kinetostatic.planning.prediction import tip_in_use, tip_std
-from scara_kinetostatic.report import Block, Figure, Legend, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
-from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
+from scara_kinetostatic.report.figure import INK, MICRO, PAPER, SERIES, WARN, in_mm
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 
@@ -71,30 +71,6 @@ def tip_picture(design: Design) -> Markup:
     axes[0].set(ylabel='y  [mm]')
     figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
     return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
-
-
-def plan_picture(design: Design) -> Markup:
-    """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
-    figure, (axes,) = draw.new_figure(HALF, 400)
-    cell, plan = design.robot.cell, design.plan
-    contact, normal = plan.contact(cell), plan.normal(cell)
-    for number, disc in enumerate(cell.discs):
-        look = mark(number)
-        draw.draw_object(axes, disc, look.colour, filled=True)
-        axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK).set_parse_math(False)
-        for k in np.flatnonzero(plan.disc == number):
-            aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
-            head = contact[k] + aside
-            tail = head + 0.16 * plan.force[k] / plan.force.max() * normal[k]  # m, of the largest force
-            axes.plot(*np.stack([head, tail]).T, color=look.colour, lw=1.1, alpha=0.8)
-            fill = look.colour if plan.posture[k] > 0 else PAPER
-            axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)
-    base = (cell.nominal.x0, cell.nominal.y0)
-    axes.plot(*base, 'o', ms=7, mfc=PAPER, mec=INK, mew=1.4)
-    axes.annotate('base', base, (-9, 4), ha='right', textcoords='offset points', color=FAINT)
-    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
-    in_mm(axes)
-    return draw.as_svg(figure, 'recommended', 'the chosen touches from above')
 
 
 def design_document(design: Design) -> dict[str, Any]:
@@ -243,12 +219,6 @@ def plan_table(design: Design) -> Table:
     return Table(headings, units, tuple(zip(*cells, strict=True)))
 
 
-def number_table(design: Design) -> Table:
-    """Accuracy by the number of touches."""
-    rows = tuple((f'{number:g}', *map(micrometres, values)) for number, *values in zip(*design.curve, strict=True))
-    return Table(('touches', 'best set found', 'evenly distributed', 'lower bound'), ('', 'µm', 'µm', 'µm'), rows)
-
-
 def design_report(design: Design) -> Report:
     """The design for the terminal and for `design.html`."""
     number = count(len(design.plan), 'touch', 'touches')
@@ -264,7 +234,7 @@ def design_report(design: Design) -> Report:
         blocks=(
             Section('The recommended touches', _touches(design)),
             Section('The parameters', (parameter_table(design),)),
-            Section('Largest standard deviation of the tip by the number of touches', (curve, number_table(design))),
+            Section('Largest standard deviation of the tip by the number of touches', (curve,)),
             Section('Best place for one more disc', (disc_sentence(design),)),
         ),
         footer='all numbers in full in design.json',
@@ -273,10 +243,7 @@ def design_report(design: Design) -> Report:
 
 def _touches(design: Design) -> tuple[Block, ...]:
     """The recommended touches, as pictures and as a table."""
-    marks = [(mark(number), disc.name) for number, disc in enumerate(design.robot.cell.discs)]
     return (
-        Legend((*((m.sign, COLOURS[m.colour], name) for m, name in marks), ('', '', 'hollow: posture right'))),
-        Figure(partial(plan_picture, design), 'From above; the length of a shaft is proportional to the force.'),
         plan_table(design),
         Note(
             'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '

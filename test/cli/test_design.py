@@ -50,7 +50,7 @@ def test_the_document(folder):
 
 def test_the_page_stands_alone(folder):
     page = (folder / 'design.html').read_text().replace('\u00a0', ' ')
-    assert page.count('<svg') == 3
+    assert page.count('<svg') == 2
     assert 'touches reach 11.0 µm and check themselves' in page
     first = page.index('Noise of a touch is assumed: 10 µrad per joint, 0.3 N per component')
     assert first < page.index('Lower bound for any set that survives a loss')
@@ -82,7 +82,7 @@ def test_an_accuracy_that_declared_uncertainties_do_not_allow(small_cell, capsys
     ]
     assert main(['design', '--cell', small_cell(objects=objects), *_LAYOUT_EFFORT]) == 3
     said = capsys.readouterr().err
-    assert 'the places of the discs alone' in said
+    assert 'object_position alone' in said
 
 
 @pytest.mark.parametrize(

@@ -184,8 +184,8 @@ def test_declared_uncertainties_limit_the_accuracy_and_are_named():
     assert found.accuracy == pytest.approx(1.1 * found.least_possible)
     parts = found.contributions
     assert sum(value**2 for value in parts.values()) == pytest.approx(found.tip_std.largest**2)
-    assert max(parts, key=parts.get) == 'the places of the discs'
-    with pytest.raises(UnsupportedDataError, match='the places of the discs alone') as caught:
+    assert max(parts, key=parts.get) == 'object_position'
+    with pytest.raises(UnsupportedDataError, match='object_position alone') as caught:
         optimal_design(Robot.of(replace(DECLARED, tolerance=2e-6)), replace(EASY, accuracy=None))
     assert str(caught.value).startswith('an accuracy of 1 µm (half of tolerance.tip: k = 2) is out of reach')
 

@@ -473,7 +473,7 @@ def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
         (
             {'tolerance': 3e-5, 'discs': tuple(disc._replace(center_std=1e-4) for disc in CELL.discs)},
             3,
-            'is from the places of the discs',
+            'is from object_position',
         ),
     ],
 )
