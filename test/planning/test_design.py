@@ -10,6 +10,7 @@ import pytest
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
@@ -61,6 +62,16 @@ def test_planned_touches_drag_the_tip_aside_also_back_from_a_preload():
     assert (np.abs(aside / inward) >= np.tan(DRAG) - 1e-9).all()
     by_force = np.abs(inward) / plan.force / np.where(plan.preload > 0, plan.preload, 1.0)
     assert (by_force > PAPER_ACTUAL.p_ee).all(), 'arm and gripper yield'
+
+
+def test_a_planned_touch_has_the_reading_of_a_sensor_that_errs():
+    """At 75 N this one reads 50 N, and there is no force at which it reads 75 N."""
+    robot = replace(
+        ROBOT, effects=(find(CELL, 'sensor_nonlinearity'),), effect_values=((-0.0045,),), effect_sizes=(1.0,)
+    )
+    exact = exact_plan(robot, default_plan(CELL, levels=(75.0,)))
+    assert np.hypot(*exact.observations.force.T) == pytest.approx(75 * (1 - 0.0045 * 75))
+    assert np.abs(exact.point.linear.misclosure).max() < 1e-9
 
 
 @pytest.mark.parametrize('name', CELLS)
