@@ -7,10 +7,9 @@ from setuptools import find_packages, setup
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
-CLUSTER = ['dask[distributed]']  # for `recalibrate --dask`
 URDF = ['urdfdom_py', 'lxml', 'xacro']  # for the verb `cell` and `export --into`
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'example-robot-data']
-TEST += [*URDF, *PHYSICS, *CLUSTER]
+TEST += [*URDF, *PHYSICS]
 BENCH = [
     'casadi',
     'mcap-ros2-support',
@@ -83,15 +82,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={
-        'ros': ROS,
-        'urdf': URDF,
-        'test': TEST,
-        'physics': PHYSICS,
-        'cluster': CLUSTER,
-        'bench': BENCH,
-        'docs': DOCS,
-    },
+    extras_require={'ros': ROS, 'urdf': URDF, 'test': TEST, 'physics': PHYSICS, 'bench': BENCH, 'docs': DOCS},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -1,11 +1,11 @@
-"""An archive of recordings recalibrated one by one, by processes and by a local Dask cluster: same results, times.
+"""An archive of recordings recalibrated one by one, in this process and by several: same results, times.
 
     python -m benchmark.archive [--recordings N] [--jobs N] [--reports] [--json FILE]
 
 The recordings are simulated: the paper's cell, 36 touches each, streams of 40 Hz, each with its own noise. Each is
 read, calibrated and diagnosed, and all but the page is written; `--reports` draws that, too. Times are of the
 processor, of all processes together, and include what each process needs to start. Results are the same where all of
-calibration.json is, apart from the date. Needs the extra `cluster`.
+calibration.json is, apart from the date.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -23,7 +22,7 @@ from typing import Any
 
 from benchmark.common import machine, parser, print_and_save
 from scara_kinetostatic.cli.main import main as command
-from scara_kinetostatic.monitoring.archive import Done, Task, in_processes, on_cluster, tasks_of
+from scara_kinetostatic.monitoring.archive import Task, in_processes, tasks_of
 
 
 def processor_time() -> float:
@@ -43,27 +42,15 @@ def record(folder: Path, count: int) -> list[Path]:
     return paths
 
 
-def run(work: Callable[[list[Task]], Iterable[Done]], tasks: list[Task]) -> dict[str, Any]:
+def run(tasks: list[Task], jobs: int) -> dict[str, Any]:
     """One way to work the tasks."""
     begun, wall = processor_time(), time.monotonic()
-    done = list(work(tasks))
+    done = list(in_processes(tasks, jobs))
     return {
         'done': sum(not item.problem for item in done),
         'processor time, s': processor_time() - begun,
         'wall clock, s': time.monotonic() - wall,
     }
-
-
-def by_cluster(jobs: int) -> Callable[[list[Task]], Iterable[Done]]:
-    """On a cluster of local processes that is started and ended with it."""
-
-    def work(tasks: list[Task]) -> Iterable[Done]:
-        from distributed import LocalCluster
-
-        with LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=':0') as cluster:
-            yield from on_cluster(tasks, cluster.scheduler_address)
-
-    return work
 
 
 def document(task: Task) -> Any:
@@ -82,10 +69,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths = record(folder, args.recordings)
-        ways = {'processes': lambda tasks: in_processes(tasks, args.jobs), 'dask': by_cluster(args.jobs)}
+        ways = {'one process': 1, 'processes': args.jobs}
         tasks = {way: tasks_of(paths, None, folder / way, report=args.reports) for way in ways}
-        figures: dict[str, Any] = {way: run(work, tasks[way]) for way, work in ways.items()}
-        pairs = zip(tasks['processes'], tasks['dask'], strict=True)
+        figures: dict[str, Any] = {way: run(tasks[way], jobs) for way, jobs in ways.items()}
+        pairs = zip(*tasks.values(), strict=True)
         figures['same results'] = sum(document(one) == document(other) for one, other in pairs)
     print_and_save(args.json, {'recordings': args.recordings, 'jobs': args.jobs, **figures, 'machine': machine()})
     return 0 if figures['same results'] == args.recordings else 1

@@ -111,7 +111,7 @@ def main() -> int:
     for name, designed in cases.items():
         for noise in ('independent', 'balanced'):
             found = compare(PAPER_ACTUAL, designed.plan, options.number, noise == 'balanced')
-            result[f'{name}, {noise} noise'] = {'promised_by_the_design': designed.row.free.largest, **found}
+            result[f'{name}, {noise} noise'] = {'promised_by_the_design': designed.tip_std.largest, **found}
         result[f'{name}, graded'] = grades(PAPER_ACTUAL, designed.plan, options.grades)
     print_and_save(options.json, result)
     return 0 if all(case['confirmed'] for case in result.values() if isinstance(case, dict)) else 1

@@ -17,15 +17,14 @@ rms error over the region. Times are those of a plan of twelve touches, after im
 
 With `--decide` the robot has one effect of `EFFECTS`, 0.5 to 1.5 times its typical size. Where fourteen first touches
 leave it with rivals, twelve more are simulated and all calibrated: in how many cells is this effect alone found then?
-The twelve are those of `--goal decide`, of `--goal accuracy`, the latter with nothing suspected, those at which rivals
-differ most over and over, and even ones.
+The twelve are those of `--goal decide`, of `--goal accuracy`, the latter with nothing suspected, and even ones.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import cos, sin
 from typing import NamedTuple
@@ -36,9 +35,8 @@ from benchmark.common import NOISE, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
+from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, Region, layout_problems
@@ -178,15 +176,6 @@ def joined(made: TouchSet, more: TouchSet) -> TouchSet:
     return TouchSet.concatenate([made, later.replace(time=more.time + made.time.max() + 10.0)])
 
 
-def rivals_in_turn(planner: Planner, touches: Sequence[DiscriminatingTouch], number: int) -> Plan:
-    """Those touches over and over at which the rivals differ most."""
-    reached = planner.discriminating(touches, min(number, len(touches)))
-    plans = reached.plan.select(np.array([reason.startswith('predictions') for reason in reached.reasons]))
-    if not len(plans):
-        raise UnsupportedDataError('none of them can be reached')
-    return plans.select(np.arange(number) % len(plans))
-
-
 def decided(number: int, first: int) -> dict[str, bool] | None:
     """Whether twelve more touches decide, after a first few that leave one effect with rivals; None where they do not.
 
@@ -215,10 +204,9 @@ def decided(number: int, first: int) -> dict[str, bool] | None:
     used = outcome.final.touches.select(outcome.final.used)
     planner = Planner(outcome.arm, known_or_infinite(tip.worst, tip.undetermined), used, suspected)
     ways: dict[str, Callable[[], Plan]] = {
-        'decide': lambda: planner.discriminating(found.discriminating or (), 12).plan,
+        'decide': lambda: planner.discriminating(12).plan,
         'accuracy': lambda: planner.accurate(12).plan,
         'tip alone': lambda: replace(planner, suspected=frozenset()).accurate(12).plan,
-        'rivals in turn': lambda: rivals_in_turn(planner, found.discriminating or (), 12),
         'even': lambda: even_plan,
     }
     result = {}

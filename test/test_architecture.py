@@ -48,7 +48,6 @@ KEPT_IN = {
     'jinja2': ('files', 'report'),
     'rich': ('cli',),
     'mujoco': ('simulation',),
-    'distributed': ('monitoring',),
     **dict.fromkeys(('urdf_parser_py', 'xacro', 'lxml'), ('files',)),
     **dict.fromkeys(('rosbags', 'mcap', 'zstandard', 'lz4'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),

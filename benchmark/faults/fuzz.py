@@ -36,7 +36,7 @@ from scara_kinetostatic.monitoring.history import History
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.results.write import write_results
-from scara_kinetostatic.simulation.plan_file import load_plan, load_slides
+from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.studies.loops.dial_gauge import load_readings
 from scara_kinetostatic.studies.loops.record import load_record
 from scara_kinetostatic.touches.detection import find_touches
@@ -87,7 +87,7 @@ def kinds(folder: Path) -> list[Kind]:
         *found,
         _text('cell.yaml', CELL_FILE.read_bytes(), load_cell),
         _text('plan.yaml', plan, lambda path: load_plan(path, CELL)),
-        _text('slides.yaml', slides, lambda path: load_slides(path, CELL)),
+        _text('slides.yaml', slides, lambda path: load_plan(path, CELL)),
         _text('touches.csv', touches, load_touch_table),
         _text(
             'poses.csv', poses + '0.1,0.3,1,2,left,a\n' * 20, lambda path: _with_status(load_pose_table(path, POSES))

@@ -4,9 +4,8 @@ Predicts the uncertainty of a calibration before any touch is made: the standard
 deviation of every parameter, and of the tip over the workspace. Recommends the
 smallest set of touches that reaches an accuracy and checks itself: every disc is
 touched, no touch counts on itself alone, and any one may fail. Finds the best
-place for one more disc, and shows what the accuracy depends on. The set is written as a
-plan for `simulate --plan` and for the simulated cell. What the cell description
-declares as uncertain counts.
+place for one more disc. The set is written as a plan for `simulate --plan` and
+for the simulated cell. What the cell description declares as uncertain counts.
 
 Example:
   scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design
@@ -52,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--levels', 'F', _positive, 'force levels, N (default: 10 25 40)', levels),
         ('--postures', '', ('both', 'left', 'right'), 'of the elbow (default: both)', {'default': 'both'}),
         ('--per-disc', 'N', whole(3), 'points around a disc (default: 36)', {'default': 36}),
-        ('--touches', 'N', whole(12), 'number in comparisons (default: 36)', {'default': 36}),
     )
 
 
@@ -81,7 +79,6 @@ def run(args: argparse.Namespace) -> None:
         per_disc=args.per_disc,
         load=args.load or max(args.levels),
         under_load=args.under_load,
-        number=args.touches,
     )
     with progress(lines=True) as show_progress:
         design = optimal_design(Robot(cell, expected, noise, assumed), requirements, show_progress)

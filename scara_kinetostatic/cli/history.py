@@ -8,7 +8,6 @@ their covariance, assessment, and the whole calibration.json.
            to the next, and slowly since the last change; of several by the same
            recordings, the last one
   page     the same as a page with the trend of every parameter, history.html in DIR
-  extract  write the calibration.json of a NUMBER of the list into DIR
   remove   take the calibrations of these NUMBERs out
 
 Example:
@@ -27,36 +26,32 @@ from scara_kinetostatic.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    actions = ('add', 'list', 'page', 'extract', 'remove')
+    actions = ('add', 'list', 'page', 'remove')
     robot = 'name of the robot (default: as its cell description identifies it)'
     add_options(
         parser,
         ('action', '', actions, 'what to do'),
         ('file', 'FILE', Path, 'the SQLite file'),
-        ('items', 'CALIBRATION.json', str, 'files to add; or numbers to extract or remove', {'nargs': '*'}),
+        ('items', 'CALIBRATION.json', str, 'files to add; or numbers to remove', {'nargs': '*'}),
         ('--robot', 'NAME', str, robot, {'default': ''}),
-        ('--all', '', bool, 'list also those that were calibrated again later'),
-        ('--out', 'DIR', Path, 'of page and extract (default: history)', {'default': Path('history')}),
+        ('--out', 'DIR', Path, 'of page (default: history)', {'default': Path('history')}),
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Adds, lists, writes the page or a calibration, or removes.
+    """Adds, lists, writes the page, or removes.
 
     Raises:
         InputError: FILE is no history, a calibration cannot be read or is of another robot, there is none of a number,
             or DIR cannot be written.
     """
-    from scara_kinetostatic.files.atomic import write_texts, writing
     from scara_kinetostatic.monitoring.history import History, trends_of
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.report import history_report
     from scara_kinetostatic.report import as_page, as_text
-    from scara_kinetostatic.results.calibration_json import NAME
-    from scara_kinetostatic.results.write import dated_names
 
-    takes = {'add': 'calibrations to add', 'extract': 'one number', 'remove': 'numbers'}
-    if (args.action in takes) != bool(args.items) or (args.action == 'extract' and len(args.items) > 1):
+    takes = {'add': 'calibrations to add', 'remove': 'numbers'}
+    if (args.action in takes) != bool(args.items):
         problem = f'expected {takes[args.action]}' if args.action in takes else f'{args.action} takes no calibrations'
         raise InputError(f'history {args.action}', problem)
     if args.action == 'add':
@@ -66,21 +61,13 @@ def run(args: argparse.Namespace) -> None:
             print(f'{path}: {"added" if is_new else "is in the history already"}')
         return
     history = History(args.file)
-    if args.action in takes:
+    if args.action == 'remove':
         if wrong := [item for item in args.items if not (item.isascii() and item.isdigit() and len(item) < 19)]:
-            raise InputError(f'history {args.action}', f'expected a number of the list, got {wrong[0]!r}')
-        numbers = [int(item) for item in args.items]
-        if args.action == 'remove':
-            history.remove(numbers)
-            print(f'removed: {" ".join(args.items)}')
-            return
-        document = history.document(*numbers)
-        with writing(args.out):
-            kept = dated_names(args.out)
-        write_texts(args.out, {NAME: document}, kept)
-        print(f'written: {args.out / NAME}')
+            raise InputError('history remove', f'expected a number of the list, got {wrong[0]!r}')
+        history.remove([int(item) for item in args.items])
+        print(f'removed: {" ".join(args.items)}')
         return
-    entries = history.entries(args.robot, replaced=args.all)
+    entries = history.entries(args.robot)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
     shown = history_report(trends_of(entries))

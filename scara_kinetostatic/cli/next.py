@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
             if not planner.suspected:
                 what = f'--goal decide: nothing is to be decided: {found.verdict}'
                 raise UnsupportedDataError(what, found.advice or 'leave out --goal decide')
-            planned = planner.discriminating(found.discriminating or (), number)
+            planned = planner.discriminating(number)
         else:
             planned = planner.accurate(number)
         files = next_files(planner, planned)

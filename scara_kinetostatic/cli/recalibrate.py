@@ -1,16 +1,15 @@
 """Calibrate every recording of an archive by itself, in parallel.
 
 Calibrates every recording of an archive by itself, as after a correction of the
-cell description or with a new version: in parallel processes, or on a running
-Dask cluster. The results of each are in a folder of its name in DIR, as
-calibrate writes them; with --history they are added to a history as well.
+cell description or with a new version. The results of each are in a folder of
+its name in DIR, as calibrate writes them; with --history they are added to a
+history as well.
 
 A recording that cannot be calibrated is named with the reason, and the others
-go on; the exit status is then 3. After an interruption repeat with --resume.
+go on; the exit status is then 3.
 
 Example:
   scara-kinetostatic recalibrate archive/*.mcap --cell cell.yaml --out results --jobs 8 --history robots.sqlite
-  scara-kinetostatic recalibrate archive/*.mcap --out results --dask tcp://cluster:8786
 """
 
 from __future__ import annotations
@@ -31,8 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         ('--jobs', 'N', whole(1), 'parallel processes (default: 1)', {'default': 1}),
-        ('--dask', 'ADDRESS', str, 'of the scheduler of a Dask cluster', {'default': ''}),
-        ('--resume', '', bool, 'leave out what DIR has already, of the same recording, cell description and version'),
         ('--no-report', '', bool, 'do not draw report.html, which takes most of the time'),
         ('--history', 'FILE', Path, 'history to add the results to'),
         ('--robot', 'NAME', str, 'its name in the history', {'default': ''}),
@@ -48,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.monitoring.archive import in_processes, on_cluster, tasks_of
+    from scara_kinetostatic.monitoring.archive import in_processes, tasks_of
     from scara_kinetostatic.monitoring.history import History
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.results.calibration_json import NAME
@@ -57,11 +54,10 @@ def run(args: argparse.Namespace) -> None:
     if args.cell:
         load_cell(args.cell)
     history = History(args.history, create=True) if args.history else None
-    tasks = tasks_of(args.bags, args.cell, args.out, resume=args.resume, report=not args.no_report)
+    tasks = tasks_of(args.bags, args.cell, args.out, report=not args.no_report)
     failed, added = 0, 0
     with progress() as show_progress:
-        results = on_cluster(tasks, args.dask) if args.dask else in_processes(tasks, args.jobs)
-        for number, done in enumerate(results, 1):
+        for number, done in enumerate(in_processes(tasks, args.jobs), 1):
             show_progress(f'{number} of {len(tasks)}', number / len(tasks))
             problem = done.problem
             if history is not None and not problem:
@@ -69,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
                     added += sum(history.add([CalibrationRecord.load(Path(done.task.folder) / NAME)], args.robot))
                 except InputError as error:
                     problem = f'not added to the history: {error}'
-            print(f'{done.task.recording}: {problem or done.grade}{", as before" if done.earlier else ""}', flush=True)
+            print(f'{done.task.recording}: {problem or done.grade}', flush=True)
             failed += bool(problem)
     if history is not None:
         print(f'{added} results added to {args.history}')

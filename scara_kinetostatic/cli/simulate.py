@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.files.atomic import all_or_nothing
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan
-    from scara_kinetostatic.simulation.plan_file import load_planned
+    from scara_kinetostatic.simulation.plan_file import load_plan
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> None:
     noise = (cell.noise or TYPICAL_NOISE)._replace(**levels)
     sensors = SensorModel(touch_noise=noise, joint_rate=args.joint_rate, wrench_rate=args.wrench_rate)
     truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
-    plan = load_planned(args.plan, cell) if args.plan else default_plan(cell, **choices)
+    plan = load_plan(args.plan, cell) if args.plan else default_plan(cell, **choices)
     with ExitStack() as together:
         if args.truth_file:
             workshop = together.enter_context(all_or_nothing(args.truth_file))

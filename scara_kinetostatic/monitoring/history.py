@@ -4,9 +4,9 @@
 
 `measured` is when the last recording of the calibration began, `created` when it was calculated, both UTC as text that
 sorts by time; a calibration of unknown recordings counts as measured when it was calculated. `document` is the whole
-`calibration.json`, of which SQLite reads parts by `json_extract`. A calibration is added once: its checksum is that of
-its document. One that was calculated again from the same recordings replaces the earlier one in lists, which stays in
-the file.
+`calibration.json`: `sqlite3 FILE 'SELECT document FROM calibration WHERE id = 3'` gives number 3 back. A calibration is
+added once: its checksum is that of its document. One that was calculated again from the same recordings replaces the
+earlier one in lists, which stays in the file.
 
 Several processes may use the file at a time; what is written is written whole or not at all.
 """
@@ -138,12 +138,9 @@ class History:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
 
-    def entries(self, robot: str = '', *, replaced: bool = False) -> list[Entry]:
-        """Calibrations in the order in which they were measured, of one robot or of all.
-
-        Args:
-            robot: its name; empty for all.
-            replaced: whether to give also those that were calculated again from the same recordings.
+    def entries(self, robot: str = '') -> list[Entry]:
+        """Calibrations in the order in which they were measured, of one robot or, without a name, of all; of several by
+        the same recordings the one that was calculated last.
         """
         with self._open() as connection:
             query = f"{_SELECT} WHERE ? IN (robot, '') ORDER BY robot, measured, created, id"
@@ -151,19 +148,7 @@ class History:
         last = {}
         for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
             last[entry.robot, entry.record.checksums or entry.number] = entry.number
-        return [entry for entry in found if replaced or entry.number in last.values()]
-
-    def document(self, number: int) -> str:
-        """The `calibration.json` of one calibration.
-
-        Raises:
-            InputError: there is none of that number.
-        """
-        with self._open() as connection:
-            row = connection.execute('SELECT document FROM calibration WHERE id = ?', (number,)).fetchone()
-        if row is None:
-            raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
-        return str(row[0])
+        return [entry for entry in found if entry.number in last.values()]
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Takes calibrations out, all or none.

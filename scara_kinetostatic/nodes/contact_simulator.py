@@ -36,7 +36,7 @@ from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plan
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import load_planned
+from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.slides import Slide
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
@@ -163,7 +163,7 @@ class ContactSimulator(CellNode):
         """
         file = self.value('plan')
         if not self.value('commanded'):
-            return load_planned(file, self._cell) if file else default_plan(self._cell)
+            return load_plan(file, self._cell) if file else default_plan(self._cell)
         if file:
             raise ParameterError('parameter commanded', 'a commanded robot has no plan', 'leave out plan')
         return None
@@ -221,12 +221,10 @@ class ContactSimulator(CellNode):
         return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
 
     def _simulate(self, start: int = 0) -> Playback:
-        """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
+        """The next pass through the plan, with noise of its own, from relaxed joints."""
         assert self._plan is not None
-        cell, truth, seed, repeated = self._cell, self._truth, self.value('seed') + self._passes, self._passes > 0
-        streams = simulate_streams(
-            cell, truth, self._plan, sensors=self._sensors, seed=seed, start=0, repeated=repeated
-        )
+        seed = self.value('seed') + self._passes
+        streams = simulate_streams(self._cell, self._truth, self._plan, sensors=self._sensors, seed=seed, start=0)
         self._passes += 1
         read = replace(streams.joints, position=self._cell.readings(streams.joints.position))
         return Playback(replace(streams, joints=read), start)

@@ -67,7 +67,7 @@ and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -77,7 +77,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.assessment.grade import Limits
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.planning.prediction import Robot, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
@@ -161,7 +161,6 @@ def candidate_plan(
     postures: Sequence[int] = (1, -1),
     per_disc: int = PER_DISC,
     preload: float = 0.0,
-    keep: Callable[[Plan], Mask] | None = None,
 ) -> Plan:
     """All candidates in the robot's cell.
 
@@ -171,24 +170,20 @@ def candidate_plan(
         postures: of the elbow, +1 and -1.
         per_disc: points around a disc.
         preload: part of the force of preloaded touches, which are candidates beside those without; 0 for none.
-        keep: which points may be touched.
 
     Raises:
         CellError: a disc has no point within reach.
         UnsupportedDataError: every point is excluded by its line of force.
     """
-    cell = replace(robot.cell, limits=None) if keep else robot.cell  # `keep` knows them, and tells what they exclude
-    points = default_plan(cell, per_disc, levels[:1], postures)
+    points = default_plan(robot.cell, per_disc, levels[:1], postures)
     every = [replace(points, force=np.full(len(points), float(level))) for level in levels]
     sure = np.array([(exact_plan(robot, plan).arms >= LEAST_ARM).all(axis=1) for plan in every])
-    some = np.flatnonzero(sure.any(axis=0))
-    if not len(some):
+    if not sure.any():
         raise UnsupportedDataError(
             f'at every point within reach the line of force passes a joint axis at less than {LEAST_ARM} m',
             'move the discs, or allow both postures',
         )
-    kept = some[keep(points.select(some))] if keep else some
-    chosen = [plan.select(kept[good[kept]]) for plan, good in zip(every, sure, strict=True)]
+    chosen = [plan.select(good) for plan, good in zip(every, sure, strict=True)]
     eased = [0.0, preload] if preload else [0.0]
     return Plan.joined([replace(plan, preload=np.full(len(plan), part)) for plan in chosen for part in eased])
 

@@ -12,8 +12,7 @@ with a form, as a frequency, in its typical form. So touches are spread enough t
 The variance of the sizes that are suspected counts as much as that of the tip, both in what they are now: an effect
 that does not move the tip, as a disc elsewhere, is decided, too.
 
-**Rivals** are decided by the touches at which their predictions differ most (`diagnosis.comparison`), each once, and by
-those that lower the variance of their sizes in a model with all of them most.
+**Rivals** are decided by the touches that lower the variance of their sizes, in a model with all of them, most.
 
 **Enough** is said where the expanded uncertainty (k = 2) of the tip is at most the tolerance all over the region, or
 where `MOST_TOUCHES` more would not bring it there: then what the cell declares as uncertain is the limit.
@@ -25,17 +24,17 @@ Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -123,7 +122,7 @@ class PlannedTouches(NamedTuple):
         approach: where the tip begins to approach each.
         ways: between these places.
         order: stop of `ways` of each, from 1 on where stop 0 is the place to start from.
-        left_out: what cannot be touched, a sentence for each disc or touch.
+        left_out: what cannot be touched, a sentence for each disc.
         uncertainty: of the tip.
     """
 
@@ -303,28 +302,21 @@ class Planner:
     @cached_property
     def _candidates(self) -> tuple[Plan, list[str]]:
         """The touches to choose from, and what was left out of each disc."""
-        cell, found, texts = self.arm.cell, list[str](), list[str]()
-
-        def keep(points: Plan) -> Mask:
-            found[:] = self.problems(points)
-            names = points.disc
-            for number, disc in enumerate(cell.discs):
-                here = [text for text, at in zip(found, names, strict=True) if at == number]
-                count = Counter(filter(None, here))
-                if count:
-                    why = ', '.join(f'{many} {text}' for text, many in count.most_common())
-                    texts.append(f'{disc.name}: {sum(count.values())} of {len(here)} places left out: {why}')
-            return np.array([not text for text in found])
-
-        low, high = cell.touch.force
-        levels = np.unique(np.linspace(low, high, 3)).tolist()
-        every = candidate_plan(self.robot, levels, per_disc=24, preload=PRELOAD, keep=keep)
-        if not len(every):
-            why = ', '.join(f'{many} {text}' for text, many in Counter(found).most_common())
+        cell, levels = self.arm.cell, np.unique(np.linspace(*self.arm.cell.touch.force, 3)).tolist()
+        anywhere = replace(self.robot, cell=replace(cell, limits=None))  # `problems` tells what they exclude
+        every = candidate_plan(anywhere, levels, per_disc=24, preload=PRELOAD)
+        problems = np.array(self.problems(every))
+        excluded: Mask = problems != ''
+        if excluded.all():
             remedy = 'correct the limits, the obstacles, the clearance or the places of the discs'
-            raise UnsupportedDataError(f'no touch can be reached: {why}', remedy)
-        may = [not text for text in self.problems(every)]  # where the least force is good, more may not be
-        return every.select(np.array(may)), texts
+            raise UnsupportedDataError(f'no touch can be reached: {_counted(problems)}', remedy)
+        texts = []
+        for number, disc in enumerate(cell.discs):
+            here = every.disc == number
+            if (excluded & here).any():
+                left = f'{np.count_nonzero(excluded & here)} of {np.count_nonzero(here)} touches left out'
+                texts.append(f'{disc.name}: {left}: {_counted(problems[here])}')
+        return every.select(~excluded), texts
 
     @cached_property
     def _information_made(self) -> Floats:
@@ -367,61 +359,31 @@ class Planner:
         Raises:
             UnsupportedDataError: no touch can be reached, or none from there.
         """
-        nothing = self.candidates.plan.select(np.zeros(0, dtype=np.intp))
-        chosen = choose(self.candidates, number)
-        return self._arranged(nothing, [], self.candidates, chosen, self._candidates[1], start)
+        return self._arranged(self.candidates, choose(self.candidates, number), start)
 
-    def discriminating(
-        self, touches: Sequence[DiscriminatingTouch], number: int, start: Poses | None = None
-    ) -> PlannedTouches:
-        """The touches that decide between rivals.
+    def discriminating(self, number: int, start: Poses | None = None) -> PlannedTouches:
+        """The touches that decide about what is suspected, as between rivals.
 
         Args:
-            touches: that do, as the diagnosis found them.
             number: of touches.
             start: where the tip stands, one pose; None: anywhere.
 
         Raises:
-            UnsupportedDataError: none of them can be reached, or none from there.
+            UnsupportedDataError: none can be reached, or none from there; or more touches hardly decide.
         """
-        names = [disc.name for disc in self.arm.cell.discs]
-        plan = Plan(
-            np.array([names.index(touch.disc) for touch in touches], dtype=np.intp),
-            np.array([touch.angle for touch in touches]),
-            np.array([touch.posture for touch in touches], dtype=np.intp),
-            np.array([touch.force for touch in touches]),
-            np.array([PRELOAD * touch.is_unloaded for touch in touches]),
-        )
-        texts = self.problems(plan) if touches else []
-        left = [f'{touch}: {text}' for touch, text in zip(touches, texts, strict=True) if text]
-        there = [k for k, text in enumerate(texts) if not text][:number]
-        reasons = [f'predictions differ by {touches[k].difference:.1f} N, {touches[k].in_std:.1f} σ' for k in there]
-        plan, candidates = plan.select(np.array(there, dtype=np.intp)), self.candidates
-        if there:
-            planned = prepare_candidates(self.robot, plan, self._tip_of_all, mean=True).information.sum(axis=0)
-            candidates = candidates._replace(prior=candidates.prior + planned)
-        if len(self._in_doubt):
-            candidates = candidates.counting(self._in_doubt, 1.0)
-        more = choose(candidates, number - len(there))
-        # 0.9: of the variance of what is suspected, in simulated cells a dozen touches left 0.5 to 0.8
-        if not there and largest_variance(candidates, more) > 0.9:
-            why = left[0] if left else 'more touches hardly sharpen what is suspected'
-            raise UnsupportedDataError(f'no touch that decides can be reached: {why}', 'change the cell')
-        return self._arranged(plan, reasons, candidates, more, left, start, self._in_doubt)
+        # 0.99: of the variance of what is suspected; in simulated cells a dozen touches left 0.5 to 0.8
+        candidates = self.candidates.counting(self._in_doubt, 1.0) if len(self._in_doubt) else self.candidates
+        chosen = choose(candidates, number)
+        if not len(self._in_doubt) or largest_variance(candidates, chosen) > 0.99:
+            raise UnsupportedDataError('more touches hardly decide about what is suspected', 'change the cell')
+        return self._arranged(candidates, chosen, start, self._in_doubt)
 
     def _arranged(
-        self,
-        made: Plan,
-        reasons: list[str],
-        candidates: CandidateTouches,
-        chosen: list[int],
-        left_out: list[str],
-        start: Poses | None,
-        decided: Indices | None = None,
+        self, candidates: CandidateTouches, chosen: list[int], start: Poses | None, decided: Indices | None = None
     ) -> PlannedTouches:
-        """Touches with their reasons and those chosen, which tell `decided` values, in the order of a short way."""
-        plan = Plan.joined([made, candidates.plan.select(np.array(chosen, dtype=np.intp))])
-        reasons = reasons + self._reasons(candidates, chosen, decided)
+        """Chosen touches, which tell `decided` values, in the order of a short way."""
+        plan = candidates.plan.select(np.array(chosen, dtype=np.intp))
+        reasons = self._reasons(candidates, chosen, decided)
         own = self.approach(plan)
         begin = own.select(slice(0)) if start is None else start
         stops = Poses(np.concatenate([begin.tip, own.tip]), np.concatenate([begin.posture, own.posture]))
@@ -435,7 +397,7 @@ class Planner:
         order = shortest_order(ways.lengths, first=0 if first else None)[first:]
         at = np.array(order) - first
         texts, found = [reasons[k] for k in at], self._uncertainty(candidates, chosen)
-        return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, left_out, found)
+        return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 
     def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> Uncertainty:
         """Of the tip by the arm's own model, without what is undecided."""
@@ -478,3 +440,8 @@ class Planner:
 def _is_size(effect: Effect) -> Mask:
     """Which of an effect's values are its size, the others its form, (k,)."""
     return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
+
+
+def _counted(problems: NDArray[np.str_]) -> str:
+    """What excludes touches, with how many, the most frequent first."""
+    return ', '.join(f'{many} {text}' for text, many in Counter(filter(None, problems.tolist())).most_common())

@@ -48,7 +48,7 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, press_aside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
@@ -210,7 +210,9 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         motion = press_aside(p, joints, added, np.where(eased, -plan.aside, plan.aside))
         loaded = np.concatenate([joints - motion, eased[:, None] * peak], axis=1)[:, None]
         plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
-        observations = observations._replace(metadata=(metadata or plain)._replace(surface=surface))
+        metadata = (metadata or plain)._replace(surface=surface)
+        measured = reported_force(robot.model, measured, metadata)
+        observations = observations._replace(metadata=metadata, force=measured)
     if declared is not None:
         observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
     point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)
@@ -258,24 +260,11 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     )
 
 
-_KINDS = {
-    'object_position': 'the places of the discs',
-    'object_radius': 'the radii of the discs',
-    'plate_position': 'the places of the plates',
-    'plate_angle': 'the rotation of the plates',
-    'radius': 'the error common to all radii',
-    'force_gain': 'the gain of the force sensor',
-    'force_rotation': 'the rotation of the force sensor',
-    'nominal': 'the nominal values',
-}
-"""Kinds of declared uncertainties, in words."""
-
-
 def contributions(covariance: Floats, count: int, declared: DeclaredErrors | None, tip: Floats) -> dict[str, float]:
     """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
 
-    Their squares add up to the square of the whole. The places of all discs are one kind, and so on. A source with the
-    rows R of the prior contributes C RᵀR C to the covariance C.
+    Their squares add up to the square of the whole. The places of all discs, ``object_position``, are one kind, and so
+    on as in the budget of a calibration. A source with the rows R of the prior contributes C RᵀR C to the covariance C.
 
     Args:
         covariance: C of the values of the model and the declared errors.
@@ -290,8 +279,7 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
     if declared is not None:
         moved = worst @ covariance[:count] @ declared.prior.rows(count).T
         for source, rows in declared.prior.by_source():
-            kind = source.label.split('[')[0]
-            found[_KINDS.get(kind, kind)] += float((moved[:, rows] ** 2).sum())
+            found[source.label.split('[')[0]] += float((moved[:, rows] ** 2).sum())
     found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 

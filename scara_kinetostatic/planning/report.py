@@ -1,30 +1,25 @@
 """The optimal design as JSON, for the terminal and as a page, with its figures.
 
-These are the accuracy by the number of touches, the set, maps of the tip and of one more disc.
+These are the accuracy by the number of touches, the set, and maps of the tip.
 """
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
-from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.calibration.tip_uncertainty import region_grid
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
-from scara_kinetostatic.planning.optimal_design import Design, Row
+from scara_kinetostatic.planning.optimal_design import Design, required
 from scara_kinetostatic.planning.prediction import tip_in_use, tip_std
-from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Legend, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
-from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
+from scara_kinetostatic.report.figure import INK, MICRO, PAPER, SERIES, WARN, in_mm
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 
@@ -58,75 +53,30 @@ def number_picture(design: Design) -> Markup:
 def tip_picture(design: Design) -> Markup:
     """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
     figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
-    robot, q, columns = design.robot, design.requirements, 48
-    x, y, _, possible = region_grid(robot.parameters, robot.cell, columns)
-    tip = tip_in_use(robot, q.load, columns)
+    q, cell, columns = design.requirements, design.robot.cell, 48
+    x, y, _, possible = region_grid(design.robot.parameters, cell, columns)
+    tip = tip_in_use(design.robot, q.load, columns, 12 if q.under_load else 0)
     values = np.full(possible.shape, np.nan)
-    values[possible] = MICRO * tip_std(tip[:, 1:] if q.under_load else tip[:, :1], design.row.prediction).places
-    for k, name in enumerate(('left', 'right')):
-        drawn = _map(axes[k], design, (x, y, values[k]))
-        drawn.set_clim(float(np.nanmin(values)), float(np.nanmax(values)))
-        axes[k].set(title=f'posture {name}')
-    axes[1].set(ylabel='')
+    values[possible] = MICRO * tip_std(required(tip, q), design.prediction).places
+    shown, largest = np.ma.masked_invalid(values), float(np.nanmax(values))
+    for panel, name, part in zip(axes, ('left', 'right'), shown, strict=True):
+        drawn = panel.pcolormesh(x, y, part, shading='nearest', cmap='viridis_r', rasterized=True)
+        drawn.set_clim(float(np.nanmin(values)), largest)
+        for disc in cell.discs:
+            draw.draw_object(panel, disc, INK, width=1.1)
+        panel.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
+        panel.set(aspect='equal', xlabel='x  [mm]', title=f'posture {name}')
+        in_mm(panel)
+        panel.grid(visible=False)
+    axes[0].set(ylabel='y  [mm]')
     figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
     return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
 
 
-def _map(axes: Axes, design: Design, grid: tuple[Floats, Floats, Floats]) -> QuadMesh:
-    """A standard deviation of the tip, µm, over the places of a grid, with the discs and the base of the robot."""
-    nominal = design.robot.cell.nominal
-    x, y, values = grid
-    shown = np.ma.masked_invalid(values)
-    drawn = axes.pcolormesh(x, y, shown, shading='nearest', cmap='viridis_r', rasterized=True)
-    for disc in design.robot.cell.discs:
-        draw.draw_object(axes, disc, INK, width=1.1)
-    axes.plot(nominal.x0, nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
-    in_mm(axes)
-    axes.grid(visible=False)
-    return drawn
-
-
-def plan_picture(design: Design) -> Markup:
-    """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
-    figure, (axes,) = draw.new_figure(HALF, 400)
-    cell, plan = design.robot.cell, design.plan
-    contact, normal = plan.contact(cell), plan.normal(cell)
-    for number, disc in enumerate(cell.discs):
-        look = mark(number)
-        draw.draw_object(axes, disc, look.colour, filled=True)
-        axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK).set_parse_math(False)
-        for k in np.flatnonzero(plan.disc == number):
-            aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
-            head = contact[k] + aside
-            tail = head + 0.16 * plan.force[k] / plan.force.max() * normal[k]  # m, of the largest force
-            axes.plot(*np.stack([head, tail]).T, color=look.colour, lw=1.1, alpha=0.8)
-            fill = look.colour if plan.posture[k] > 0 else PAPER
-            axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)
-    base = (cell.nominal.x0, cell.nominal.y0)
-    axes.plot(*base, 'o', ms=7, mfc=PAPER, mec=INK, mew=1.4)
-    axes.annotate('base', base, (-9, 4), ha='right', textcoords='offset points', color=FAINT)
-    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
-    in_mm(axes)
-    return draw.as_svg(figure, 'recommended', 'the chosen touches from above')
-
-
-def additional_disc_picture(design: Design) -> Markup:
-    """Largest standard deviation of the tip by the place of one additional disc."""
-    figure, (axes,) = draw.new_figure(HALF, 400)
-    m = design.additional_disc
-    drawn = _map(axes, design, (m.x, m.y, MICRO * m.largest))
-    if m.best is not None:
-        axes.add_patch(Circle(m.best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
-        axes.plot(*m.best[:2], '+', ms=9, color=SERIES[1], mew=2)
-    figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
-    what = 'largest standard deviation of the tip by the place of one additional disc'
-    return draw.as_svg(figure, 'additional_disc', what)
-
-
 def design_document(design: Design) -> dict[str, Any]:
     """`design.json`: SI units; None where a quantity is not determined."""
-    q, robot, additional = design.requirements, design.robot, design.additional_disc
+    q, robot, declared, additional = design.requirements, design.robot, design.robot.declared, design.additional_disc
+    sources = () if declared is None else declared.prior.sources
     return {
         'schema': 'scara_kinetostatic/design/1',
         'requirements': {
@@ -136,37 +86,46 @@ def design_document(design: Design) -> dict[str, Any]:
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
             'region': list(robot.cell.region),
-            'touches_compared': q.number,
+            'frame': f'plate {design.plate}' if design.plate else 'base',
         },
         'robot': {
             'parameters': robot.parameters.as_dict(),
             'noise': robot.noise.as_dict(),
             'noise_assumed': robot.assumed,
         },
-        'declared_uncertainties': _declared(design),
+        'declared_uncertainties': declared
+        and {
+            'sources': [{'source': source.label, 'declared': source.std, 'unit': source.unit} for source in sources],
+            'least_possible': design.least_possible,
+        },
         'recommended': _recommended(design),
         'by_number': design.curve,
-        'tables': {name: [_row(row) for row in rows] for name, rows in design.tables.items()},
         'additional_disc': {
             'radius': additional.radius,
             'touches': additional.touches,
             'without': additional.without,
-            'best': additional.best and {'center': additional.best[:2], 'tip': additional.best[2]},
+            'best': additional.place and {'center': additional.place, 'tip': additional.largest},
         },
     }
 
 
 def _recommended(design: Design) -> dict[str, Any]:
     """The recommended touches with their checks."""
-    plan, discs, leverage = design.plan, design.robot.cell.discs, design.row.prediction.leverage
+    plan, discs, p = design.plan, design.robot.cell.discs, design.prediction
     touches = zip(plan.disc, np.degrees(plan.angle).round(9), plan.posture, plan.force, strict=True)
+    free, loaded = (tip_std(tip, p) for tip in (design.tip[:, :1], design.tip[:, 1:]))
     return {
-        **_row(design.row),
+        'touches': p.touches,
+        'rank': p.rank,
+        'confounded': p.confounded,
+        'condition': p.condition,
+        'tip_free': {'largest': free.largest, 'rms': free.rms},
+        'tip_loaded': {'largest': loaded.largest, 'rms': loaded.rms},
+        'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
         'value': design.without_each.max(),
         'lower_bound': design.least,
-        'smaller_sets': {str(number): value for number, value in sorted(design.tried.items())},
-        'largest_leverage': leverage.max(),
-        'leverage': leverage,
+        'largest_leverage': p.leverage.max(),
+        'leverage': p.leverage,
         'without_each_touch': design.without_each,
         'held_out_ratio': design.held_out,
         'contributions': design.contributions,
@@ -177,38 +136,10 @@ def _recommended(design: Design) -> dict[str, Any]:
     }
 
 
-def _declared(design: Design) -> dict[str, Any] | None:
-    """What the cell declares as uncertain, and what it leaves however many touches are made; None without any."""
-    declared, plate = design.robot.declared, design.plate
-    if declared is None and plate is None:
-        return None
-    sources = () if declared is None else declared.prior.sources
-    return {
-        'sources': [{'source': source.label, 'declared': source.std, 'unit': source.unit} for source in sources],
-        'least_possible': design.least_possible,
-        'frame': 'base' if plate is None else f'plate {plate.name}',
-        'tip_in_base_frame': design.in_base_frame,
-    }
-
-
-def _row(row: Row) -> dict[str, Any]:
-    p = row.prediction
-    return {
-        'label': row.label,
-        'touches': p.touches,
-        'rank': p.rank,
-        'confounded': p.confounded,
-        'condition': p.condition,
-        'tip_free': {'largest': row.free.largest, 'rms': row.free.rms},
-        'tip_loaded': {'largest': row.loaded.largest, 'rms': row.loaded.rms},
-        'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
-    }
-
-
 def requirement(design: Design) -> str:
     """The required accuracy in words."""
     load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
-    frame = f', in the frame of plate {design.plate.name}' if design.plate else ''
+    frame = f', in the frame of plate {design.plate}, whose place no touch shows' if design.plate else ''
     return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace{frame}'
 
 
@@ -235,29 +166,17 @@ def noise_sentences(design: Design) -> list[str]:
             f'Declared uncertainties count: {MOST_TOUCHES} touches, evenly distributed, would leave '
             f'{um(design.least_possible)} µm. At the worst place the recommended touches leave {said}.'
         )
-    if design.plate and design.in_base_frame:
-        sentences.append(
-            f'All discs stand on plate {design.plate.name}, whose place no touch shows. The accuracy holds in its '
-            f'frame; in the base frame the recommended touches give {1e3 * design.in_base_frame:.3g} mm.'
-        )
     return sentences
 
 
 def set_sentences(design: Design) -> list[str]:
     """Accuracy and checks of the recommended set, one sentence each."""
-    um, sentences = micrometres, []
-    if design.tried:
-        fewer = max(design.tried)
-        reached = f'gives {um(design.tried[fewer])} µm after a loss'
-        if not math.isfinite(design.tried[fewer]):
-            reached = 'does not check itself'
-        sentences = [f'The best set of {fewer} touches found {reached}.']
+    um = micrometres
     return [
         f'{len(design.plan)} touches give {um(design.tip_std.largest)} µm at the worst place of the workspace, and '
         f'{um(design.without_each.max())} µm after the loss of any one touch. Lower bound for any set that survives a '
         f'loss: {design.least}.',
-        *sentences,
-        f'Every touch is checked by the others: largest leverage {100 * design.row.prediction.leverage.max():.0f} %. '
+        f'Every touch is checked by the others: largest leverage {100 * design.prediction.leverage.max():.0f} %. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',
     ]
 
@@ -265,25 +184,23 @@ def set_sentences(design: Design) -> list[str]:
 def disc_sentence(design: Design) -> str:
     """The best place for one more disc."""
     additional = design.additional_disc
-    if additional.best is None:
+    if additional.place is None:
         return f'There is no place for an additional disc of radius {1e3 * additional.radius:.0f} mm.'
-    x, y, reached = additional.best
+    x, y = additional.place
     return (
         f'An additional disc of radius {1e3 * additional.radius:.0f} mm is best at about '
-        f'({1e3 * x:.0f}, {1e3 * y:.0f}) mm: {micrometres(reached)} µm with {additional.touches} touches evenly '
-        f'distributed, against {micrometres(additional.without)} µm on the discs of the cell.'
+        f'({1e3 * x:.0f}, {1e3 * y:.0f}) mm: {micrometres(additional.largest)} µm with {additional.touches} touches '
+        f'evenly distributed, against {micrometres(additional.without)} µm on the discs of the cell.'
     )
 
 
 def parameter_table(design: Design) -> Table:
-    """Predicted standard deviations of the parameters: the recommended set, and touches evenly distributed."""
-    both = zip(design.row.prediction.std, design.tables['levels'][-1].prediction.std, strict=True)
+    """Predicted standard deviations of the parameters with the recommended set."""
     body = []
-    for name, stds in zip(design.robot.parameters.names, both, strict=True):
+    for name, std in zip(design.robot.parameters.names, design.prediction.std, strict=True):
         unit, per_si = SCALES[name]
-        body.append((name, unit, *(f'{std * per_si:.3g}' if np.isfinite(std) else 'not determined' for std in stds)))
-    heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
-    return Table(heading, ('',) * 4, tuple(body))
+        body.append((name, unit, f'{std * per_si:.3g}' if np.isfinite(std) else 'not determined'))
+    return Table(('', 'unit', 'standard deviation'), ('',) * 3, tuple(body))
 
 
 def plan_table(design: Design) -> Table:
@@ -295,43 +212,17 @@ def plan_table(design: Design) -> Table:
         ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
         ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
         ('force', 'N', [f'{force:g}' for force in plan.force]),
-        ('leverage', '%', [f'{100 * share:.0f}' for share in design.row.prediction.leverage]),
+        ('leverage', '%', [f'{100 * share:.0f}' for share in design.prediction.leverage]),
         ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
     headings, units, cells = zip(*columns, strict=True)
     return Table(headings, units, tuple(zip(*cells, strict=True)))
 
 
-def number_table(design: Design) -> Table:
-    """Accuracy by the number of touches."""
-    rows = tuple((f'{number:g}', *map(micrometres, values)) for number, *values in zip(*design.curve, strict=True))
-    return Table(('touches', 'best set found', 'evenly distributed', 'lower bound'), ('', 'µm', 'µm', 'µm'), rows)
-
-
-def factor_tables(design: Design) -> list[Table]:
-    """The tables of what the accuracy depends on, one row per prediction."""
-
-    def cells(row: Row) -> tuple[str, ...]:
-        p, tips = row.prediction, (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
-        return (row.label, str(p.rank), f'{p.condition:.3g}', *map(micrometres, tips))
-
-    titles = {'levels': 'Force levels', 'postures': 'Postures of the elbow', 'discs': 'Discs touched'}
-    heading, units = ('rank', 'condition', 'tip', 'rms', 'loaded', 'rms'), ('',) * 3 + ('µm',) * 4
-    return [Table((titles[name], *heading), units, tuple(map(cells, rows))) for name, rows in design.tables.items()]
-
-
 def design_report(design: Design) -> Report:
     """The design for the terminal and for `design.html`."""
-    q, number = design.requirements, count(len(design.plan), 'touch', 'touches')
-    what = (
-        f'{q.number} touches evenly distributed over all candidates: standard deviation of the tip, largest and rms '
-        f'over workspace and postures, free and under {q.load:g} N in any direction; {NOT_DETERMINED}: not determined.'
-    )
+    number = count(len(design.plan), 'touch', 'touches')
     curve = Figure(partial(number_picture, design), 'Dotted: lower bound for every set.')
-    place = Figure(
-        partial(additional_disc_picture, design),
-        'Largest standard deviation of the tip by the place of an additional disc; orange: the best place.',
-    )
     return Report(
         title='Optimal design of a calibration',
         answer=Verdict(
@@ -343,9 +234,8 @@ def design_report(design: Design) -> Report:
         blocks=(
             Section('The recommended touches', _touches(design)),
             Section('The parameters', (parameter_table(design),)),
-            Section('Largest standard deviation of the tip by the number of touches', (curve, number_table(design))),
-            Section('What the accuracy depends on', (what, *factor_tables(design))),
-            Section('Best place for one more disc', (disc_sentence(design), place)),
+            Section('Largest standard deviation of the tip by the number of touches', (curve,)),
+            Section('Best place for one more disc', (disc_sentence(design),)),
         ),
         footer='all numbers in full in design.json',
     )
@@ -353,10 +243,7 @@ def design_report(design: Design) -> Report:
 
 def _touches(design: Design) -> tuple[Block, ...]:
     """The recommended touches, as pictures and as a table."""
-    marks = [(mark(number), disc.name) for number, disc in enumerate(design.robot.cell.discs)]
     return (
-        Legend((*((m.sign, COLOURS[m.colour], name) for m, name in marks), ('', '', 'hollow: posture right'))),
-        Figure(partial(plan_picture, design), 'From above; the length of a shaft is proportional to the force.'),
         plan_table(design),
         Note(
             'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '

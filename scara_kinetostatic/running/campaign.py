@@ -339,7 +339,7 @@ def calibrated(
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
     if those and decides and now is not None and now < np.inf:
         with suppress(UnsupportedDataError):
-            return Knowledge(planner, planner.discriminating(those, _FEW), now, grade, text, verdict, True)
+            return Knowledge(planner, planner.discriminating(_FEW), now, grade, text, verdict, True)
     unexplained = outcome.verdict == 'unexplained'
     return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, False, unexplained)
 

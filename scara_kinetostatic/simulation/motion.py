@@ -101,12 +101,7 @@ class Histories(NamedTuple):
 
 
 def load_histories(
-    peaks: Floats,
-    holds: Floats,
-    has_preload: Mask,
-    parameters: Parameters,
-    frame: SensorFrame = SensorFrame.BASE,
-    repeated: bool = False,
+    peaks: Floats, holds: Floats, has_preload: Mask, parameters: Parameters, frame: SensorFrame = SensorFrame.BASE
 ) -> Histories:
     """The histories of the touches of a plan.
 
@@ -116,19 +111,16 @@ def load_histories(
         has_preload: whether the peak is beyond the hold, (m,).
         parameters: L̄, which tells the torques that a memory keeps.
         frame: that of the forces.
-        repeated: whether the joints come from another pass through the same plan instead of the relaxed state.
     """
     points = np.stack([peaks, holds, holds * (1, 1, 0, 0)], axis=1).reshape(-1, 4)
     torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
     stages: tuple[list[Floats], ...] = ([], [], [])
     memory: list[int] = []
-    for turn in range(1 + repeated):
-        for place in range(len(points)):
-            if turn == repeated:
-                stages[place % 3].append(points[memory])
-            if place % 3 or has_preload[place // 3]:
-                memory.append(place)
-                memory = [memory[k] for k in remembered([torques[one] for one in memory])]
+    for place in range(len(points)):
+        stages[place % 3].append(points[memory])
+        if place % 3 or has_preload[place // 3]:
+            memory.append(place)
+            memory = [memory[k] for k in remembered([torques[one] for one in memory])]
     return Histories(*(stacked_histories(stage, holds[:, :2]) for stage in stages))
 
 
@@ -140,6 +132,8 @@ FORCE_TOLERANCE = 1e-3
 
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
+_MOST_DEPTH = 0.02
+"""Depth up to which a commanded point is moved on in search of the force, m."""
 _MOST_PASSES = 20
 """Until forces and histories agree; each touch wipes out most of what came before, so that few do."""
 
@@ -256,7 +250,6 @@ class Trajectory(Motion):
         truth: the simulated robot, with its effects.
         plan: the touches.
         timing: how long the phases last.
-        repeated: whether joints with memory come from another pass through the plan instead of the relaxed state.
 
     Attributes:
         knots: start of every phase, (m, 8), s.
@@ -272,10 +265,8 @@ class Trajectory(Motion):
         UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch or hold its force.
     """
 
-    def __init__(
-        self, cell: Cell, truth: Robot, plan: Plan, timing: Timing | None = None, repeated: bool = False
-    ) -> None:
-        self.cell, self.plan, self.timing, self._repeated = cell, plan, timing or Timing(), repeated
+    def __init__(self, cell: Cell, truth: Robot, plan: Plan, timing: Timing | None = None) -> None:
+        self.cell, self.plan, self.timing = cell, plan, timing or Timing()
         self.model = as_model(truth)
         self.truth = self.model.parameters
         if not len(plan):
@@ -343,7 +334,7 @@ class Trajectory(Motion):
     def _take_histories(self) -> None:
         """The load before the stages of each touch, by the joints and forces as they are now."""
         peaks, holds = np.hstack([self.peak_joints, self.peak_force]), np.hstack([self.hold_joints, self.hold_force])
-        self.histories = load_histories(peaks, holds, self.plan.preload > 0, self.truth, repeated=self._repeated)
+        self.histories = load_histories(peaks, holds, self.plan.preload > 0, self.truth)
         self.metadata = self.metadata._replace(history=self.histories.hold)
 
     def _contact_at(
@@ -394,6 +385,9 @@ class Trajectory(Motion):
         Args:
             relative_force: part of the force of the hold that is wanted.
             start: first depths, (m,), m.
+
+        Raises:
+            UnsupportedDataError: the force of a touch is not reached within `_MOST_DEPTH`.
         """
         wanted, planned, p = relative_force * self.plan.force, relative_force * self._planned, self.truth
         # depth per force of the robot without effects, m/N
@@ -414,6 +408,9 @@ class Trajectory(Motion):
             bounds = compliance[todo] / 20.0, compliance[todo] * 20.0  # at most so much softer or stiffer
             slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
             before[:, todo] = depth[todo], force
+            if (lost := np.abs(depth[todo]) > _MOST_DEPTH).any():
+                problem = f'it is not reached {1e3 * _MOST_DEPTH:.0f} mm beyond its place'
+                raise self._cannot_hold(int(todo[np.argmax(lost)]), problem)
             depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -2e-3, 2e-3)
         return depth
 
@@ -443,12 +440,15 @@ class Trajectory(Motion):
         off = self._off_plan(found, 0.02 if all(effect.is_smooth for effect in self.model.effects) else 0.1)
         if off.any():
             first = int(np.argmax(off))
-            name = self.cell.discs[self.plan.disc[first]].name
             got = f'it comes to {found.magnitude[first]:.3g} N' if found.solved[first] else 'there is no equilibrium'
-            touch = f'touch {first} of the plan, on {name!r}, under {self.plan.force[first]:g} N'
-            remedy = 'leave the touch out, or simulate smaller effects'
-            raise UnsupportedDataError(f'the simulated robot cannot hold {touch}: {got}', remedy)
+            raise self._cannot_hold(first, got)
         return found.force
+
+    def _cannot_hold(self, number: int, problem: str) -> UnsupportedDataError:
+        name = self.cell.discs[self.plan.disc[number]].name
+        touch = f'touch {number} of the plan, on {name!r}, under {self.plan.force[number]:g} N'
+        remedy = 'leave the touch out, or simulate smaller effects'
+        return UnsupportedDataError(f'the simulated robot cannot hold {touch}: {problem}', remedy)
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))

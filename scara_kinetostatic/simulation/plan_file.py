@@ -56,12 +56,12 @@ class PlanError(InputError):
     """A plan that cannot be read or is not valid."""
 
 
-def load_plan(path: str | Path, cell: Cell) -> Plan:
-    """Read a plan.
+def load_plan(path: str | Path, cell: Cell) -> Plan | tuple[Slide, ...]:
+    """Read a plan of touches, or one of slides, whose first entry has the key `slide`.
 
     Args:
         path: the file.
-        cell: its discs and nominal arm.
+        cell: its discs, tip and nominal arm.
 
     Raises:
         PlanError: the file cannot be read, or an entry is not valid or out of reach.
@@ -69,12 +69,27 @@ def load_plan(path: str | Path, cell: Cell) -> Plan:
     return parse_plan(read_text(path, PlanError), cell, path)
 
 
-def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
+def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan | tuple[Slide, ...]:
     """The plan that a YAML text holds; see `load_plan`."""
-    required, optional = ('disc', 'angle_deg', 'posture', 'force'), ('preload',)
+    data = parse_yaml(text, where, PlanError)
+    if not isinstance(data, list) or not data:
+        raise PlanError(where, 'expected a list with one touch or slide per entry', 'see docs/reference/formats.md')
+    required: tuple[str, ...]
+    optional: tuple[str, ...]
+    if slides := isinstance(data[0], dict) and 'slide' in data[0]:
+        what, required, optional = 'slide', ('slide',), (*_SLIDE_VALUES, 'posture')
+    else:
+        what, required, optional = 'touch', ('disc', 'angle_deg', 'posture', 'force'), ('preload',)
+    entries = [
+        Section(PlanError, f'{where}: {what} {k}', '', entry, required, optional) for k, entry in enumerate(data)
+    ]
+    return tuple(_slide(entry, cell) for entry in entries) if slides else _touches(entries, cell, where)
+
+
+def _touches(entries: list[Section], cell: Cell, where: str | Path) -> Plan:
     rows = []
-    for entry in _entries(text, where, 'touch', required, optional):
-        names = [disc.name for disc in cell.discs]
+    names = [disc.name for disc in cell.discs]
+    for entry in entries:
         name, preload = entry.word('disc'), entry.optional('preload', within=_PRELOAD)
         if name not in names:
             raise entry.error('disc', f'the cell has no disc {name!r}', did_you_mean(name, names, 'its discs are'))
@@ -88,16 +103,6 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
         remedy = 'choose another angle_deg or posture, or correct robot.limits'
         raise PlanError(f'{where}: touch {lost[0]}', f'{problem}, or another disc stands before it', remedy)
     return plan
-
-
-def _entries(
-    text: str, where: str | Path, what: str, required: tuple[str, ...], optional: tuple[str, ...]
-) -> list[Section]:
-    entries = parse_yaml(text, where, PlanError)
-    if not isinstance(entries, list) or not entries:
-        raise PlanError(where, f'expected a list with one {what} per entry', 'see docs/reference/formats.md')
-    places = (f'{where}: {what} {number}' for number in range(len(entries)))
-    return [Section(PlanError, at, '', entry, required, optional) for at, entry in zip(places, entries, strict=True)]
 
 
 def _posture(entry: Section) -> int:
@@ -130,33 +135,14 @@ def _decimal(value: float) -> str:
     return np.format_float_positional(round(float(value), 9), trim='-')
 
 
-def load_planned(path: str | Path, cell: Cell) -> Plan | tuple[Slide, ...]:
-    """Read a plan of touches, or one of slides, whose first entry has the key `slide`."""
-    entries = parse_yaml(read_text(path, PlanError), path, PlanError)
-    is_sliding = isinstance(entries, list) and entries and isinstance(entries[0], dict) and 'slide' in entries[0]
-    return load_slides(path, cell) if is_sliding else load_plan(path, cell)
-
-
-def load_slides(path: str | Path, cell: Cell) -> tuple[Slide, ...]:
-    """Read a plan of slides.
-
-    Args:
-        path: the file.
-        cell: its discs and tip.
-
-    Raises:
-        PlanError: the file cannot be read, or an entry is not valid.
-    """
-    slides = []
-    for entry in _entries(read_text(path, PlanError), path, 'slide', ('slide',), (*_SLIDE_VALUES, 'posture')):
-        values = {name: entry.number(key) for key, name in _SLIDE_VALUES.items() if key in entry.data}
-        if 'force' in values:
-            entry.number('force', within=_FORCE)
-        try:
-            slides.append(Slide(_outline(entry, cell), posture=_posture(entry), **values))
-        except ParameterError as error:
-            raise entry.error('', error.problem, error.remedy) from error
-    return tuple(slides)
+def _slide(entry: Section, cell: Cell) -> Slide:
+    values = {name: entry.number(key) for key, name in _SLIDE_VALUES.items() if key in entry.data}
+    if 'force' in values:
+        entry.number('force', within=_FORCE)
+    try:
+        return Slide(_outline(entry, cell), posture=_posture(entry), **values)
+    except ParameterError as error:
+        raise entry.error('', error.problem, error.remedy) from error
 
 
 def _outline(entry: Section, cell: Cell) -> Outline | Ellipse:

@@ -157,7 +157,6 @@ def simulate_streams(
     sensors: SensorModel | None = None,
     seed: int = 0,
     start: int = START,
-    repeated: bool = False,
 ) -> Streams:
     """Both streams of one pass through a plan, with the effects of the robot.
 
@@ -169,7 +168,6 @@ def simulate_streams(
         sensors: noise, bias and rates.
         seed: of all random numbers.
         start: stamp of the start, ns.
-        repeated: whether joints with memory come from another pass through the touches instead of the relaxed state.
 
     Raises:
         UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch, hold its force, or reach a
@@ -178,7 +176,7 @@ def simulate_streams(
     """
     motion: Motion
     if isinstance(plan, Plan):
-        motion = Trajectory(cell, truth, plan, timing, repeated)
+        motion = Trajectory(cell, truth, plan, timing)
     else:
         motion = SlidingMotion(cell, truth, plan, seed=seed)
     return recorded('simulation', cell, truth, motion, sensors or SensorModel(), seed, start)

@@ -23,7 +23,7 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     'recalibrate': ('touches', '--out', 'again', '--jobs', '1', '--no-report'),
     'contour': ('slide', '--calibration', 'result/calibration.json', '--out', 'contour'),
     'next': ('touches', '--touches', '6', '--out', 'more'),
-    'design': ('--per-disc', '6', '--touches', '12', '--out', 'design'),
+    'design': ('--per-disc', '6', '--out', 'design'),
     'mujoco': ('engine', '--per-disc', '1'),
 }
 """Arguments of each verb beside --cell, in an order in which each finds what it needs."""

@@ -6,7 +6,6 @@ import json
 import signal
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -20,9 +19,11 @@ from cli.conftest import recordings, run
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.monitoring import archive
-from scara_kinetostatic.monitoring.archive import Done, in_processes, on_cluster, recalibrate, tasks_of
+from scara_kinetostatic.monitoring.archive import in_processes, tasks_of
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.report import history_report
+from scara_kinetostatic.report import as_text
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
 
@@ -73,21 +74,19 @@ def test_time_is_that_of_the_recording_and_the_last_result_of_it_counts(plain: O
     history.add([later(plain, '2026-05-03T00:00:00Z', monday, 'a')])
     found = [(entry.record.measured, entry.record.created[:10]) for entry in history.entries()]
     assert found == [(monday, '2026-05-03'), (tuesday, '2026-05-01')]
-    assert len(history.entries(replaced=True)) == 3
+    assert execute(tmp_path / 'a.sqlite', 'SELECT count(*) FROM calibration') == [(3,)]
 
 
-def test_small_steps_add_up(run: Run, plain: Outcome, tmp_path: Path) -> None:
+def test_small_steps_add_up(plain: Outcome, tmp_path: Path) -> None:
     records = [later(plain, f'2026-0{k}-01T00:00:00Z', theta2=12e-6 * k) for k in range(1, 5)]
     history = History(tmp_path / 'a.sqlite', create=True)
     history.add(records)
     (trend,) = trends_of(history.entries())
     assert trend.changed == [] and trend.has_crept
     assert trend.slow is not None and trend.slow.causes.ranking[0].name == 'theta2' and trend.since == 1
-    page = run('history', 'page', 'a.sqlite')
-    assert 'From number 1 to number 4: Changed' in page.out
-    assert 'the zero of joint 2 changed' in page.out.replace('\n', ' ')
-    text = Path('history/history.html').read_text()
-    assert 'class="verdict caution"' in text and 'days since the first' in text
+    said = as_text(history_report([trend])).replace('\n', ' ')
+    assert 'From number 1 to number 4: Changed' in said and 'the zero of joint 2 changed' in said
+    assert history_report([trend]).answer.level == 'caution'
     history.add([later(plain, f'2026-1{k}-01T00:00:00Z', theta2=5e-4) for k in range(3)])
     (trend,) = trends_of(history.entries())
     assert len(trend.changed) == 1 and not trend.has_crept and trend.since == 5
@@ -119,8 +118,8 @@ def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, t
     path = tmp_path / 'a.sqlite'
     first, second = (later(plain, f'2026-0{k}-01T00:00:00Z') for k in (1, 2))
     History(path, create=True).add([first, second])
-    run('history', 'extract', path, '2')
-    assert json.loads(Path('history/calibration.json').read_text()) == json.loads(json_text(dict(second.document)))
+    (kept,) = execute(path, 'SELECT document FROM calibration WHERE id = 2')
+    assert json.loads(kept[0]) == json.loads(json_text(dict(second.document)))
     execute(path, "UPDATE calibration SET document = '{' WHERE id = 1")
     wrong = run('history', 'list', path)
     assert wrong.status == 2 and wrong.err.count('\n') == 1 and 'calibration 1 cannot be read' in wrong.err
@@ -162,76 +161,39 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     assert added.status == 0 and added.out.count('added') == 3
     page = run('history', 'page', 'h.sqlite', '--out', 'trend')
     assert page.status == 0 and 'the zero of joint 2 changed' in page.out
-    assert (tmp_path / 'trend' / 'history.html').read_text().count('<svg') == 1
+    text = (tmp_path / 'trend' / 'history.html').read_text()
+    assert text.count('<svg') == 1 and 'class="verdict caution"' in text and 'days since the first' in text
     lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite one'
-    for line in f'{lines}|extract h.sqlite'.split('|'):
+    for line in lines.split('|'):
         wrong = run('history', *line.split())
         assert wrong.status == 2 and wrong.err.count('\n') == 1
 
 
-def test_an_archive_goes_on_where_it_was_interrupted(run: Run, recordings: Path, tmp_path: Path) -> None:
-    cell, good, plain, few = (recordings / name for name in ('cell.yaml', 'good', 'plain', 'few'))
-    common = ('--cell', cell, '--out', 'a', '--no-report')
-    done = run('recalibrate', plain, few, *common, '--history', 'h.sqlite')
+def test_an_archive_goes_on_where_a_recording_fails(
+    run: Run, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, plain, few = (recordings / name for name in ('cell.yaml', 'plain', 'few'))
+    done = run('recalibrate', plain, few, '--cell', cell, '--out', 'a', '--no-report', '--history', 'h.sqlite')
     assert done.status == 3 and done.err.count('\n') == 1 and '1 of 2' in done.err
     assert 'plain: fit' in done.out and 'few: 3 touches' in done.out and '1 results added' in done.out
     assert len(History(tmp_path / 'h.sqlite').entries()) == 1
     assert not (tmp_path / 'a/plain/report.html').exists()
-    before = (tmp_path / 'a/plain/calibration.json').read_bytes()
-    done = run('recalibrate', plain, good, *common, '--resume')
-    assert 'plain: fit, as before' in done.out and 'good: fit\n' in done.out
-    assert (tmp_path / 'a/plain/calibration.json').read_bytes() == before
-    task = tasks_of([plain], cell, tmp_path / 'a', resume=True, report=False)[0]
-    assert recalibrate(task).earlier and not recalibrate(task._replace(recording=str(few))).earlier
-    assert run('recalibrate', plain, '--cell', cell, '--dask', 'nonsense').status == 2
     with pytest.raises(InputError, match='has the name of'):
         tasks_of([Path('a/x.mcap'), Path('b/x.mcap')], None, tmp_path)
 
-
-def test_a_recording_that_ends_a_process_does_not_stop_the_others(
-    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     def fail(*_: object) -> None:
         raise MemoryError('no room')
 
     monkeypatch.setattr(archive, 'calibrate_recordings', fail)
-    (done,) = in_processes(tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path), 1)
-    assert done.problem == 'internal error, MemoryError: no room'
-
-    def lost() -> Done:
-        raise BrokenProcessPool
-
-    assert 'its process was lost, BrokenProcessPool' in archive._answer(done.task, lost).problem
+    (failed,) = in_processes(tasks_of([plain], cell, tmp_path), 1)
+    assert failed.problem == 'internal error, MemoryError: no room'
 
 
 def test_processes_leave_interrupts_to_the_first_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(archive, 'recalibrate', signal.getsignal)
     interrupt: Any = signal.SIGINT
-    found: list[Any] = list(in_processes([interrupt, interrupt], 2))
+    found = [done.grade for done in in_processes([interrupt, interrupt], 2)]
     assert found == [signal.SIG_IGN] * 2 and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-
-
-def parameters(done: Done) -> dict[str, Any]:
-    """Values and standard uncertainties of a result; threads of the linear algebra change the last digits."""
-    assert done.problem == ''
-    found = json.loads((Path(done.task.folder) / 'calibration.json').read_text())['parameters']
-    values = {f'{name}.{key}': part[key] for name, part in found.items() for key in ('value', 'std')}
-    return pytest.approx(values, rel=1e-9)
-
-
-def test_processes_and_a_cluster_give_the_same_results(recordings: Path, tmp_path: Path) -> None:
-    one, two, three = (
-        tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path / name, report=False) for name in '123'
-    )
-    (here,), (there,) = in_processes(one, 1), in_processes(two, 2)
-    assert parameters(there) == parameters(here).expected
-    distributed = pytest.importorskip('distributed')
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=':0') as cluster:
-        with pytest.raises(InputError, match='has no worker'):
-            list(on_cluster(three, cluster.scheduler_address, patience=0.1))
-        cluster.scale(1)
-        (far,) = on_cluster(three, cluster.scheduler_address)
-    assert parameters(far) == parameters(here).expected
 
 
 def test_a_history_after_analyze(tmp_path: Path) -> None:

@@ -32,6 +32,12 @@ def few() -> Plan:
 
 
 @pytest.fixture(scope='session')
+def half(plan: Plan) -> Plan:
+    """Every other one of them."""
+    return plan.select(np.arange(0, len(plan), 2))
+
+
+@pytest.fixture(scope='session')
 def motion(plan: Plan) -> Callable[[str], SimulatedMotion]:
     """What the engine makes of the plan in a scene."""
     return cache(lambda name: TouchController(scene_named(name), CELL, plan, BRISK).run())

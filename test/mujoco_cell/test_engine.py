@@ -48,10 +48,8 @@ def test_twelve_parameters_explain_the_plain_scene(motion: Play, plan: Plan) -> 
     assert error_of_the_model(motion('plain')) < 0.02
 
 
-@pytest.mark.parametrize('noise', [Noise(1e-5, 0.3), Noise(1e-5, 0.1)])
-def test_plain_scene_with_noise_fits_the_noise(motion: Play, plan: Plan, noise: Noise) -> None:
-    touches = with_noise(as_touches(motion('plain'), CELL, plan), CELL, noise, seed=3)
-    calibration = calibrate(touches, replace(CELL, noise=noise))
+def test_plain_scene_with_noise_fits_the_noise(motion: Play, plan: Plan) -> None:
+    calibration = calibrate(with_noise(as_touches(motion('plain'), CELL, plan), CELL, CELL.noise, seed=3), CELL)
     assert 0.5 < calibration.reduced_chi_square < 1.6
     error = (calibration.parameters.as_array() - PAPER_ACTUAL.as_array()) / calibration.std
     assert np.abs(error).max() < 4
@@ -72,22 +70,23 @@ def test_every_other_scene_differs_from_the_model(played_few: Play, name: str) -
     assert error_of_the_model(played_few(name)) > 1.0  # N
 
 
-def test_bearing_friction_holds_the_link_back(motion: Play, plan: Plan) -> None:
-    scene, friction = scene_named('joint_friction'), motion('joint_friction')
+def test_bearing_friction_holds_the_link_back(half: Plan) -> None:
+    scene = scene_named('joint_friction')
+    friction = TouchController(scene, CELL, half, BRISK).run()
     joints, links, force = (part[friction.holds] for part in (friction.joints, friction.links, friction.force))
     torques = np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, links), force)
     wound = (joints - links)[:, 1]
     spring = np.sign(wound) * np.maximum(np.abs(wound) - PAPER_ACTUAL.g2, 0.0) / PAPER_ACTUAL.p2
-    approach = as_touches(friction, CELL, plan).approach
+    approach = as_touches(friction, CELL, half).approach
     share = (spring - torques[:, 1]) / scene.bearing_friction[1] * np.sign(approach[:, 1])
     assert np.abs(share).max() < 1.02
     assert np.mean(share > 0.9) > 0.6
 
 
-def test_contact_friction_takes_either_sense_and_any_size(motion: Play, plan: Plan) -> None:
-    friction = motion('contact_friction')
+def test_contact_friction_takes_either_sense_and_any_size(half: Plan) -> None:
+    friction = TouchController(scene_named('contact_friction'), CELL, half, BRISK).run()
     links, force = friction.links[friction.holds], friction.force[friction.holds]
-    inward = CELL.centers[plan.disc] - kinematics.forward(PAPER_ACTUAL, links)
+    inward = CELL.centers[half.disc] - kinematics.forward(PAPER_ACTUAL, links)
     ratio = (inward * kinematics.quarter_turn(-force)).sum(axis=1) / (inward * force).sum(axis=1)
     coefficient = scene_named('contact_friction').contact_friction
     assert np.all(np.abs(ratio) < 1.1 * coefficient)

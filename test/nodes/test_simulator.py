@@ -14,7 +14,7 @@ from scara_kinetostatic.report.markers import Scales
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.simulation.commanded import Fault, PlantSettings
 from scara_kinetostatic.simulation.mujoco import SCENES
-from scara_kinetostatic.simulation.plan_file import load_slides
+from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -114,5 +114,5 @@ def test_a_plan_of_slides(spin, tmp_path):
     plan = tmp_path / 'slides.yaml'
     plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, speed: 0.05}\n')
     node = spin(ContactSimulator, plan=plan, wait_for_subscribers=1)
-    expected = simulate_streams(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_slides(plan, PAPER_CELL), start=0)
+    expected = simulate_streams(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_plan(plan, PAPER_CELL), start=0)
     assert node._playback.end == max(expected.joints.stamp[-1], expected.wrench.stamp[-1])

@@ -10,6 +10,7 @@ import pytest
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
@@ -63,6 +64,16 @@ def test_planned_touches_drag_the_tip_aside_also_back_from_a_preload():
     assert (by_force > PAPER_ACTUAL.p_ee).all(), 'arm and gripper yield'
 
 
+def test_a_planned_touch_has_the_reading_of_a_sensor_that_errs():
+    """At 75 N this one reads 50 N, and there is no force at which it reads 75 N."""
+    robot = replace(
+        ROBOT, effects=(find(CELL, 'sensor_nonlinearity'),), effect_values=((-0.0045,),), effect_sizes=(1.0,)
+    )
+    exact = exact_plan(robot, default_plan(CELL, levels=(75.0,)))
+    assert np.hypot(*exact.observations.force.T) == pytest.approx(75 * (1 - 0.0045 * 75))
+    assert np.abs(exact.point.linear.misclosure).max() < 1e-9
+
+
 @pytest.mark.parametrize('name', CELLS)
 @pytest.mark.parametrize('frame', list(SensorFrame))
 def test_prediction_is_what_the_calibration_states(name, frame):
@@ -97,15 +108,9 @@ def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
 def test_all_discs_on_one_plate_are_judged_in_its_frame():
     robot = Robot.of(CELLS['plate'])
     tip = tip_in_use(robot, 40.0)[:, :1]
-    assert robot.common_plate == CELLS['plate'].plates[0]
     assert tip_std(tip, predict(robot, PLAN)).largest > 1e-3
     assert tip_std(tip, predict(robot.on_plate(), PLAN)).largest < 2e-5
     assert Robot.of(CELL).common_plate is None
-
-
-def test_noise_that_nobody_stated_is_marked():
-    assert Robot.of(replace(CELL, noise=None)).assumed == ('joint', 'force')
-    assert Robot.of(CELL).assumed == ()
 
 
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from calibration.studies import CELL, EXACT
 
 from scara_kinetostatic.calibration.fit_point import force_residual
@@ -15,13 +16,18 @@ from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-PLAN = default_plan(CELL, 4, preload=0.4)
+PLAN = default_plan(CELL, 3, preload=0.4)
 SLIP = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((6e-5, 1.5), (4e-5, 2.0)))
 
 
-def test_the_memory_goes_from_touch_to_touch():
+@pytest.fixture(scope='module')
+def slipping():
+    return Trajectory(CELL, SLIP, PLAN)
+
+
+def test_the_memory_goes_from_touch_to_touch(slipping):
     """The state of friction of each hold, step by step through all peaks, holds and free motions."""
-    trajectory = Trajectory(CELL, SLIP, PLAN)
+    trajectory = slipping
     touches = simulate_touches(CELL, SLIP, PLAN, EXACT)
     peaks = torques_of(PAPER_ACTUAL, np.concatenate([trajectory.peak_joints, trajectory.peak_force], axis=1))
     holds = torques_of(PAPER_ACTUAL, np.concatenate([trajectory.hold_joints, trajectory.hold_force], axis=1))
@@ -36,30 +42,20 @@ def test_the_memory_goes_from_touch_to_touch():
         path = np.concatenate([path, hold[None], np.zeros((1, 2))])
 
 
-def test_a_further_pass_begins_with_what_the_last_one_left():
-    plan, m = PLAN.select(np.arange(12)), 12
-    twice = Trajectory(CELL, SLIP, plan.select(np.tile(np.arange(m), 2)))
-    second = Trajectory(CELL, SLIP, plan, repeated=True)
-    np.testing.assert_allclose(second.hold_force, twice.hold_force[m:], rtol=0, atol=1e-3)
-    np.testing.assert_allclose(second.hold_joints, twice.hold_joints[m:], rtol=0, atol=1e-7)
-    assert np.abs(second.hold_joints - Trajectory(CELL, SLIP, plan).hold_joints)[0].max() > 1e-6
-
-
 def test_both_joints_slip_as_on_an_arm():
     """Where a joint is about to slip the force may miss the plan, but it is that of the robot at its joint angles."""
-    plan = default_plan(CELL, 3, levels=(4.0, 10.0, 20.0), preload=0.3)
+    plan = default_plan(CELL, 2, levels=(4.0, 10.0, 20.0), preload=0.3)
     both = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((1.9e-4, 2.2), (1.9e-4, 2.2)))
     touches = simulate_touches(CELL, both, plan, EXACT)
     np.testing.assert_allclose(np.hypot(*touches.force.T), plan.force, rtol=0.1)
     np.testing.assert_allclose(force_residual(observe(touches, CELL), both), 0.0, rtol=0, atol=1e-6)
 
 
-def test_a_preloaded_joint_keeps_a_part_of_its_deflection():
+def test_a_preloaded_joint_keeps_a_part_of_its_deflection(slipping):
     """Unloaded from the preload by less than twice the slip torque, the joint angle stays ahead of the force."""
     alone = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0),), ((6e-5, 50.0),))
     still = Trajectory(CELL, alone, PLAN)
     rigid = Trajectory(CELL, PAPER_ACTUAL, PLAN)
     np.testing.assert_allclose(still.hold_joints, rigid.hold_joints, rtol=0, atol=1e-6)  # never slips
-    slipping = Trajectory(CELL, SLIP, PLAN)
     assert np.abs(slipping.hold_joints - rigid.hold_joints).max() > 1e-4
     np.testing.assert_allclose(np.hypot(*slipping.hold_force.T), PLAN.force, rtol=0.02)
