@@ -76,9 +76,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     """The exit status of the verb; what concerns stdout is raised."""
-    debug = False
+    debug, received = False, list[int]()
     try:
-        with _termination():
+        with _termination(received):
             parser = build_parser()
             args = parser.parse_args(argv)
             if args.verb is None:  # after unknown options, which are named first
@@ -100,6 +100,8 @@ def _run(argv: Sequence[str] | None) -> int:
         no_room = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
         if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
             raise
+        if received and not debug:  # what was interrupted may fail in its own way when it is closed
+            return _say('terminated', 143)
         remedy = 'please report it with what scara-kinetostatic --debug … prints'
         return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
@@ -138,10 +140,11 @@ with an effect that the base model lacks:
 
 
 @contextmanager
-def _termination() -> Iterator[None]:
-    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left."""
+def _termination(received: list[int]) -> Iterator[None]:
+    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left; `received` notes it."""
 
-    def terminate(*_: object) -> NoReturn:
+    def terminate(number: int, _: object) -> NoReturn:
+        received.append(number)
         raise _TerminatedError
 
     if threading.current_thread() is not threading.main_thread():

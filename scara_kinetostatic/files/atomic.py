@@ -13,6 +13,7 @@ import hashlib
 import os
 import re
 import shutil
+import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -118,9 +119,20 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
                 _write(hidden / name, text)
             for name, second in kept.items():
                 shutil.copy2(folder / name, hidden / second)
-            for name in (*kept.values(), *texts):
-                (hidden / name).replace(folder / name)
+            with _no_signal():
+                for name in (*kept.values(), *texts):
+                    (hidden / name).replace(folder / name)
             sync_folder(folder)
+
+
+@contextmanager
+def _no_signal() -> Iterator[None]:
+    """Ctrl-C and SIGTERM have to wait."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def sync_folder(folder: Path) -> None:

@@ -62,8 +62,14 @@ def test_an_error_nobody_foresaw_is_one_line(run, monkeypatch):
     assert 'Traceback' in run('--debug', 'simulate', '--out', 'x').err
 
 
-def test_terminated(run, monkeypatch):
-    monkeypatch.setattr(simulate, 'run', lambda _: signal.raise_signal(signal.SIGTERM))
+def test_what_fails_as_it_is_terminated_is_no_bug(run, monkeypatch):
+    def ends(_: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            raise ValueError('closed in the middle of a call')
+
+    monkeypatch.setattr(simulate, 'run', ends)
     result = run('simulate', '--out', 'x')
     assert (result.status, result.err) == (143, 'scara-kinetostatic: terminated\n')
 

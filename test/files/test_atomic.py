@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import subprocess
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -68,6 +69,26 @@ def test_a_failure_half_way_leaves_everything_as_it_was(
     with pytest.raises(OutputError if isinstance(failure, OSError) else KeyboardInterrupt):
         write_results(replace(plain, created=DATE), tmp_path)
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+
+
+def test_ctrl_c_as_files_take_their_places_comes_when_all_have(
+    plain: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_results(plain, tmp_path)
+    rename, number = Path.replace, 0
+
+    def interrupted(draft: Path, place: Path) -> Path:
+        nonlocal number
+        number += 1
+        if number == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        return rename(draft, place)
+
+    monkeypatch.setattr(Path, 'replace', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_results(replace(plain, created=DATE), tmp_path)
+    assert number == 2 * len(FILES), 'the former ones are kept beside the new ones'
+    assert '2026-11-21T14:03:22Z' in (tmp_path / 'calibration.json').read_text(encoding='utf-8')
 
 
 def test_a_file_where_the_folder_should_be(plain: Outcome, tmp_path: Path) -> None:
