@@ -33,7 +33,7 @@ def test_the_robot_calibrates_itself(tmp_path, capsys):
     """The example cell's tolerance is reached with fewer touches than the 72 of a plan, and the truth is found."""
     more = 'tolerance: {tip: 5.0e-4}\nuncertainty: {effects: none}\n'
     (tmp_path / 'cell.yaml').write_text((Path(__file__).parents[2] / 'config' / 'cell.yaml').read_text() + more)
-    demo.run(parse('--out', str(tmp_path), '--seed', '3', '--cell', str(tmp_path / 'cell.yaml')))
+    demo.run(parse('--out', str(tmp_path), '--seed', '3', '--time-factor', '100', '--cell', str(tmp_path / 'cell.yaml')))
     printed = capsys.readouterr().out
     enough = re.search(
         r'^enough: the expanded uncertainty of the tip is (\d+) µm, the tolerance', printed, re.MULTILINE

@@ -122,9 +122,8 @@ def test_neither_a_hundred_calls_nor_any_text_of_a_parameter_ends_the_collector(
     caller = Caller(domain)
     try:
         assert caller.spin(lambda: '/collector/start' in caller.services('collector'), WAIT)
-        for clients in (1, 10):
-            answered, seconds = caller.flood('/collector/start', Trigger, 100, clients)
-            assert (answered, seconds < SECONDS) == (100, True)
+        answered, seconds = caller.flood('/collector/start', Trigger, 100, 10)
+        assert (answered, seconds < SECONDS) == (100, True)
     finally:
         caller.close()
     assert len(list((tmp_path / 'first').glob('touches*'))) == 1

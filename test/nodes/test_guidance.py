@@ -29,7 +29,7 @@ CELL = replace(
     PAPER_CELL,
     limits=((-2.6, 2.6), (-2.6, 2.6)),
     region=Region(-0.35, 0.35, 0.2, 0.55),
-    tolerance=4e-4,
+    tolerance=2e-3,
     uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)),
 )
 
@@ -91,7 +91,7 @@ def test_a_hand_is_guided_until_the_tolerance_is_reached(hand):
         side = 'left' if plan.posture[0] > 0 else 'right'
         assert status.level == OK
         assert status.message.startswith(f'next: {disc.name} at {degrees:.0f}°, {side}, {force:.0f} N, it ')
-        assert 'tolerance 400 µm' in status.message
+        assert 'tolerance 2 mm' in status.message
         assert h.poses[-1].header.frame_id == 'base_link'
         away = np.array([pose.position.x - disc.x, pose.position.y - disc.y])
         assert np.hypot(*away) == pytest.approx(disc.radius)
