@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from nodes.waiting import WAIT, eventually, meet
-from rcl_interfaces.srv import SetParameters
+import rclpy
+from nodes.waiting import WAIT, meet
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
-from benchmark.cell_nodes import DemoClient
-from benchmark.faults.services import SECONDS, TEXTS, Caller
+from benchmark.faults.services import TEXTS
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.nodes import conversion, streams
 from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.cell_node import WARN
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
@@ -117,36 +114,20 @@ def test_a_driver_that_does_not_stamp_is_named():
     assert not any(monitor.report()[0])
 
 
-def test_neither_a_hundred_calls_nor_any_text_of_a_parameter_ends_the_collector(processes, domain, tmp_path):
-    processes.start('collector', {'output': tmp_path / 'first'})
-    caller = Caller(domain)
-    try:
-        assert caller.spin(lambda: '/collector/start' in caller.services('collector'), WAIT)
-        answered, seconds = caller.flood('/collector/start', Trigger, 100, 10)
-        assert (answered, seconds < SECONDS) == (100, True)
-    finally:
-        caller.close()
-    assert len(list((tmp_path / 'first').glob('touches*'))) == 1
-    with DemoClient(domain, processes.check) as client:
-        client.call('/collector/stop', Trigger, Trigger.Request(), WAIT)
-        refused = []
-        for text in (*TEXTS, str(tmp_path)):
-            request = SetParameters.Request(parameters=[Parameter('output', value=text).to_parameter_msg()])
-            client.call('/collector/set_parameters', SetParameters, request, WAIT)
-            if text.startswith(('x' * 300, '/dev', '/proc', str(tmp_path))):
-                answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
-                refused.append(not answer.success)
-                assert '\n' not in answer.message
-        processes.check()
+def test_no_text_of_a_parameter_ends_the_collector(bench, tmp_path):
+    b, refused = bench(Collector), []
+    for text in (*TEXTS, str(tmp_path)):
+        b.set('output', text)
+        if text.startswith(('x' * 300, '/dev', '/proc', str(tmp_path))):
+            answer = b.call('/collector/start')
+            refused.append(not answer.success)
+            assert '\n' not in answer.message
     assert refused == [True] * (len(refused) - 1) + [False]
 
 
-def test_a_second_node_of_a_name_is_said(processes, client, spin):
-    spin(Collector)
-    processes.start('collector', {})
-    said: list[str] = []
-    client._node.create_subscription(
-        DiagnosticArray, '/diagnostics', lambda array: said.extend(status.message for status in array.status), 10
-    )
-    client.wait('a warning', lambda: any('another node is named /collector' in text for text in said), WAIT)
-    assert eventually(lambda: 'another node is named /collector' in processes.log('collector').read_text())
+def test_a_second_node_of_a_name_is_said(bench):
+    b = bench(Collector)
+    b.wait(lambda: b.statuses)
+    twin = rclpy.create_node('collector')
+    b.wait(b.says('another node is named /collector', WARN))
+    twin.destroy_node()
