@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import rclpy
 from nodes.waiting import WAIT, meet
 from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from benchmark.faults.services import TEXTS
-from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.nodes import conversion, streams
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_node import WARN
 from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
 NOBODY = '~nobody_of_that_name/recordings'
+PLAN = Path(__file__).parents[2] / 'config' / 'plan.yaml'
+BIAS = ("effects:=['sensor_bias:x=1.0,y=-0.5']",)
 
 
 def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
@@ -33,22 +39,36 @@ def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
     assert 'control characters' in answer.message
 
 
-def test_a_former_result_that_is_no_number_is_refused(spin):
-    with pytest.raises(ParameterError, match=r'parameter calibrated.l1: expected a finite number'):
-        spin(Calibrator, '-p', 'calibrated.l1:=.nan')
-
-
 @pytest.mark.parametrize(
-    ('kind', 'argument', 'message'),
+    ('kind', 'arguments', 'message'),
     [
-        (Collector, f'cell:={NOBODY}', 'parameter cell'),
-        (Collector, 'autostart:=3', 'parameter autostart: expected true or false'),
-        (Calibrator, 'recording:=true', 'parameter recording: expected a string'),
+        (Collector, [f'cell:={NOBODY}'], 'parameter cell'),
+        (Collector, ['autostart:=3'], 'parameter autostart: expected true or false'),
+        (Calibrator, ['recording:=true'], 'parameter recording: expected a string'),
+        (Calibrator, ['calibrated.l1:=.nan'], r'parameter calibrated.l1: expected a finite number'),
+        (Calibrator, ['calibration.rank:=12.5'], 'calibration.rank'),
+        (Calibrator, ['announced:=some'], 'expected session, last, all'),
+        (Calibrator, ['name:=../elsewhere'], 'expected letters'),
+        (Calibrator, ["leave_out:=['7-5']"], 'expected a range'),
+        (Calibrator, ['fixed:=[l1=long]'], 'parameter fixed'),
+        (ContactSimulator, ['sign:=backwards'], 'parameter sign: expected on_object, on_robot'),
+        (ContactSimulator, ['time_factor:=2'], 'parameter time_factor: expected a number with a decimal point'),
+        (ContactSimulator, ['preload:=30.0'], 'parameter preload'),
+        (ContactSimulator, ['preload:=0.3', f'plan:={PLAN}'], 'parameter preload: a plan defines all touches'),
+        (ContactSimulator, ["effects:=['gravity:g=9.81']"], "effect 'gravity': no such effect"),
+        (ContactSimulator, ["effects:=['sensor_bias:x=1']"], 'expected x, y once each'),
+        (ContactSimulator, ['effects:=gravity'], 'parameter effects: expected a list of strings'),
+        (ContactSimulator, ['cell:=/no/such/cell.yaml'], '/no/such/cell.yaml'),
+        (ContactSimulator, ['commanded:=true', 'scene:=nowhere'], "scene: there is no 'nowhere'"),
+        (ContactSimulator, ['commanded:=true', 'fault:=nonsense'], 'expected does_not_follow'),
+        (ContactSimulator, ['commanded:=true', 'lag:=-1.0'], 'parameter lag'),
+        (ContactSimulator, ['commanded:=true', 'preload:=0.3'], 'a commanded robot has no plan'),
+        (ContactSimulator, ['commanded:=true', 'scene:=plain', *BIAS], 'a scene has its own'),
     ],
 )
-def test_parameters_that_make_no_sense_are_refused(spin, kind, argument, message):
-    with pytest.raises(ParameterError, match=message):
-        spin(kind, '-p', argument)
+def test_parameters_that_make_no_sense_are_refused(bench, kind, arguments, message):
+    with pytest.raises((ParameterError, ParameterException, CellError), match=message):
+        bench(kind, *(part for argument in arguments for part in ('-p', argument)))
 
 
 def test_parameters_are_guarded_while_the_collector_records(bench, tmp_path):
