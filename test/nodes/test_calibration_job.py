@@ -110,19 +110,16 @@ def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_repl
         calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')]))
 
 
-def test_a_folder_that_cannot_be_written_is_named(job, tmp_path):
-    (tmp_path / 'out').write_text('a file')
-    with pytest.raises(OutputError, match=str(tmp_path / 'out')):
-        calibrated(job())
-
-
-def test_what_contradicts_the_cell_names_its_file(job, bags, tmp_path):
+def test_what_contradicts_the_cell_or_cannot_be_written_is_named(job, bags, tmp_path):
     sensor = PAPER_CELL.sensor._replace(
         sign=next(s for s in type(PAPER_CELL.sensor.sign) if s != PAPER_CELL.sensor.sign)
     )
     path = cell_file(tmp_path, replace(PAPER_CELL, sensor=sensor))
     with pytest.raises(CellError, match=path):
         calibrated(job(cell=path))
+    (tmp_path / 'out').write_text('a file')
+    with pytest.raises(OutputError, match=str(tmp_path / 'out')):
+        calibrated(job())
 
 
 def test_the_process_speaks_json_only(bags, tmp_path):
@@ -162,21 +159,15 @@ def test_the_process_ends_with_the_node(bags, tmp_path):
         ([('a', 1), ('b', 1), ('c', 2)], ['c'], ['c'], ['a', 'b', 'c']),
         ([('a', None), ('b', None)], ['b'], ['b'], ['a', 'b']),  # a middleware without numbers
         ([('', 1)], [], [], []),
+        ([('a', 1), ('b', 1), ('b', 'stopped'), ('c', 1)], ['c'], ['c'], ['a', 'b', 'c']),
+        ([('a', 1), ('b', 1), ('b', 'stopped'), ('c', 1), ('d', 1)], ['c', 'd'], ['d'], ['a', 'b', 'c', 'd']),
     ],
 )
 def test_announced_recordings_that_belong_together(announcements, session, last, everything):
     announced = Announced()
     for path, number in announcements:
-        announced.note(path, number)
+        if number == 'stopped':
+            announced.stop(path)
+        else:
+            announced.note(path, number)
     assert [announced.chosen(which) for which in ('session', 'last', 'all')] == [session, last, everything]
-
-
-def test_a_recording_that_was_stopped_ends_the_session():
-    announced = Announced()
-    announced.note('monday', 1)
-    announced.note('monday_again', 1)  # after a crash
-    announced.stop('monday_again')
-    assert not announced.note('tuesday', 1)
-    assert announced.chosen('session') == ['tuesday']
-    assert announced.note('tuesday_again', 1)
-    assert announced.chosen('session') == ['tuesday', 'tuesday_again']

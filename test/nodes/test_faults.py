@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import rclpy
 from nodes.waiting import WAIT, meet
@@ -22,8 +20,7 @@ from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
 NOBODY = '~nobody_of_that_name/recordings'
-PLAN = Path(__file__).parents[2] / 'config' / 'plan.yaml'
-BIAS = ("effects:=['sensor_bias:x=1.0,y=-0.5']",)
+BIAS = "effects:=['sensor_bias:x=1.0,y=-0.5']"
 
 
 def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
@@ -54,7 +51,7 @@ def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
         (ContactSimulator, ['sign:=backwards'], 'parameter sign: expected on_object, on_robot'),
         (ContactSimulator, ['time_factor:=2'], 'parameter time_factor: expected a number with a decimal point'),
         (ContactSimulator, ['preload:=30.0'], 'parameter preload'),
-        (ContactSimulator, ['preload:=0.3', f'plan:={PLAN}'], 'parameter preload: a plan defines all touches'),
+        (ContactSimulator, ['preload:=0.3', 'plan:=plan.yaml'], 'parameter preload: a plan defines all touches'),
         (ContactSimulator, ["effects:=['gravity:g=9.81']"], "effect 'gravity': no such effect"),
         (ContactSimulator, ["effects:=['sensor_bias:x=1']"], 'expected x, y once each'),
         (ContactSimulator, ['effects:=gravity'], 'parameter effects: expected a list of strings'),
@@ -63,7 +60,7 @@ def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
         (ContactSimulator, ['commanded:=true', 'fault:=nonsense'], 'expected does_not_follow'),
         (ContactSimulator, ['commanded:=true', 'lag:=-1.0'], 'parameter lag'),
         (ContactSimulator, ['commanded:=true', 'preload:=0.3'], 'a commanded robot has no plan'),
-        (ContactSimulator, ['commanded:=true', 'scene:=plain', *BIAS], 'a scene has its own'),
+        (ContactSimulator, ['commanded:=true', 'scene:=plain', BIAS], 'a scene has its own'),
     ],
 )
 def test_parameters_that_make_no_sense_are_refused(bench, kind, arguments, message):

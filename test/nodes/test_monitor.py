@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from monitoring.simulated import CELL, TRUTH, touches_of
 from rclpy.node import Node
@@ -205,11 +206,9 @@ def test_what_is_not_watched_is_said(spin, calibration, tmp_path):
     document = json.loads(calibration.read_text())
     document['assessment']['grade'] = 'unfit'
     (tmp_path / 'unfit.json').write_text(json.dumps(document))
+    with pytest.raises(InputError):
+        spin(Monitor, calibration=tmp_path / 'none.json')
+    rclpy.shutdown()
     node = spin(Monitor, calibration=tmp_path / 'unfit.json')
     said = node._report()
     assert said.level == WARN and 'nobody publishes /collector/touch' in said.message and 'unfit' in said.message
-
-
-def test_a_wrong_file_ends_the_start(spin, tmp_path):
-    with pytest.raises(InputError):
-        spin(Monitor, calibration=tmp_path / 'none.json')

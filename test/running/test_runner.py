@@ -274,48 +274,40 @@ def test_somebody_else_moves_the_robot():
     assert 'moved by something else' in one.runner.status.text
 
 
-def test_a_lift_that_does_not_lift():
+def test_a_lift_that_does_not_lift_or_is_not_heard():
     one = rehearsal(replace(CELL, lift=LIFT))
     one.plant.fault = Fault.LIFT_STUCK
     one.plant._position[2] = one.plant._setpoint[2] = 0.0
     one.run(longest=5.0)
     assert 'behind, joint3 most: it does not follow' in one.runner.status.text
     assert one.fastest < 0.02  # the arm has not moved
-
-
-def test_a_lift_whose_position_is_no_longer_known():
     one = rehearsal(replace(CELL, lift=LIFT))
     until_phase(one, 'travel')
     add = one.runner.senses.add_joints
     one.runner.senses.add_joints = lambda now, stamp, joints, lift=None: add(now, stamp, joints)  # type: ignore
-    began = one.time
-    one.run(lambda at: at.runner.end is not None, 10.0)
+    one.run(lambda at: at.runner.end is not None, 1.0)
     assert '/joint_states has no position of joint3 (robot.lift)' in one.runner.status.text
-    assert one.time - began < 1.0
 
 
-def test_an_object_in_the_way():
-    discs = (*CELL.discs, *(Disc(f'box_{k}', 0.9 * x, 0.9 * y, 0.02) for k, (x, y) in enumerate(RING)))
+RING = [(0.594 * np.cos(angle), 0.594 * np.sin(angle)) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
+IN_THE_WAY = (*CELL.discs, *(Disc(f'box_{k}', x, y, 0.02) for k, (x, y) in enumerate(RING)))
+NOT_THERE = tuple(disc._replace(radius=0.02) for disc in CELL.discs)
+
+
+@pytest.mark.parametrize(
+    ('discs', 'says', 'most'),
+    [(IN_THE_WAY, 'contact where none must be', 1.5), (NOT_THERE, 'no contact with disc_', 0.0)],
+    ids=['in the way', 'not there'],
+)
+def test_an_object_that_nobody_knows_or_that_is_missing(discs, says, most):
     one = rehearsal(true=replace(CELL, discs=discs))
     one.run(longest=200.0)
     end = one.runner.end
     assert end.status == 3
-    assert 'contact where none must be' in end.reason
+    assert says in end.reason
     assert 'remain' not in end.reason
-    assert one.plant.peak_force < 1.5 * CELL.touch.max_force
+    assert one.plant.peak_force <= most * CELL.touch.max_force
     assert not one.plant.body.touched
-
-
-RING = [(0.66 * np.cos(angle), 0.66 * np.sin(angle)) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
-
-
-def test_an_object_that_is_not_there():
-    one = rehearsal(true=replace(CELL, discs=tuple(disc._replace(radius=0.02) for disc in CELL.discs)))
-    one.run(longest=120.0)
-    end = one.runner.end
-    assert end.status == 3
-    assert 'no contact with disc_' in end.reason
-    assert one.plant.peak_force == 0
 
 
 def test_a_force_above_the_largest_one():
@@ -484,13 +476,12 @@ NO_JOINTS = 'fault', Fault.SILENT_JOINTS, Fault.NONE, '/joint_states is silent'
 @pytest.mark.parametrize(
     ('how', 'phase', 'streams'),
     [
-        (INACTIVE, 'travel', True),
-        (INACTIVE, 'press', True),
-        (NO_WRENCH, 'approach', True),
-        (NO_WRENCH, 'press', False),
-        (NO_JOINTS, 'approach', False),
+        pytest.param(INACTIVE, 'travel', True, id='inactive-travel'),
+        pytest.param(INACTIVE, 'press', True, id='inactive-press'),
+        pytest.param(NO_WRENCH, 'approach', True, id='no wrench-approach'),
+        pytest.param(NO_WRENCH, 'press', False, id='no wrench-press'),
+        pytest.param(NO_JOINTS, 'approach', False, id='no joints-approach'),
     ],
-    ids=['inactive-travel', 'inactive-press', 'no wrench-approach', 'no wrench-press', 'no joints-approach'],
 )
 def test_what_passes_by_itself_is_waited_for(how, phase, streams):
     (what, wrong, well, says), one = how, rehearsal(patience=10.0)
@@ -637,18 +628,6 @@ def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump():
     assert np.hypot(*moved[0]) / halt.times[0] < 1.05 * CELL.touch.speed
 
 
-def test_a_robot_that_is_at_the_end_a_little_early_stands_behind_nothing():
-    one = rehearsal(patience=10.0)
-    until_phase(one, 'retract', 0.0)
-    one.run(longest=0.02)
-    motion = one.runner._motion
-    one.run(lambda at: motion.at < motion.track.at[1])
-    motion.followed = motion.at + 3e-4, 0.0, one.time  # as seen when it was early
-    one.run(lambda at: at.runner.status.phase == 'travel', 10.0)
-    assert motion.at < 1e-6
-    assert not any(status.phase == 'waiting' for _, status in one.history)
-
-
 def test_a_force_that_comes_while_it_waits_ends_the_run():
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel')
@@ -786,22 +765,6 @@ def test_a_busy_machine_does_not_press_on_without_forces():
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert '/wrench is silent' in one.runner.status.text
     assert one.plant.peak_force < CELL.touch.max_force
-
-
-def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back():
-    one = rehearsal()
-    until_phase(one, 'travel', 0.4)
-    one.runner.pause()
-    one.run(longest=0.5)
-    motion = one.runner._motion
-    ahead = motion.track.place(motion.at + 0.12 * motion.speed)
-    one.plant.command(one.plant.names, [1.0], [ahead[:2].tolist()])
-    one.run(longest=2.0)
-    moved = one.plant._position[:2]
-    one.runner.start()
-    one.run(longest=0.3)
-    assert one.plant._position[:2] == pytest.approx(moved, abs=1e-3)
-    assert 'does not follow' in one.runner.status.text
 
 
 def test_a_retract_ends_half_a_millimetre_beside_its_place():
