@@ -169,5 +169,6 @@ def test_announced_recordings_that_belong_together(announcements, session, last,
         if number == 'stopped':
             announced.stop(path)
         else:
-            announced.note(path, number)
+            is_continued = announced.note(path, number)
+    assert is_continued == (len(session) > 1)
     assert [announced.chosen(which) for which in ('session', 'last', 'all')] == [session, last, everything]
