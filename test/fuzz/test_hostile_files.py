@@ -11,7 +11,7 @@ import pytest
 from benchmark.common import CELL, peak_memory, reset_peak_memory
 from benchmark.faults import fuzz, hostile
 from benchmark.faults.formats import short_streams
-from benchmark.faults.hostile import MEGABYTES, SECONDS, Cost
+from benchmark.faults.hostile import Cost
 from benchmark.faults.outcomes import time_limit
 from scara_kinetostatic.bags import messages as bag_messages
 from scara_kinetostatic.bags.messages import MAX_BYTES, Budget
@@ -26,10 +26,9 @@ from scara_kinetostatic.results.calibration_json import as_document
 CHEAP = (
     'mcap_length_beyond_the_file', 'mcap_repeated_schemas', 'mcap_many_layouts', 'mcap_many_joints',
     'mcap_index_repeats_a_chunk', 'ros1_repeated_index', 'ros1_repeated_message', 'ros1_giant_header',
-    'sqlite_overflow_chain', 'sqlite_endless_tree', 'heading_of_spaces', 'heading_of_98_characters',
-    'plates_3000', 'discs_3000', 'yaml_dense', 'history_view',
+    'sqlite_overflow_chain', 'sqlite_endless_tree', 'heading_of_spaces',
+    'plates_3000', 'yaml_dense', 'history_view',
     'sqlite_generated_column', 'mcap_giant_definition', 'table_of_many_rows', 'json_of_lists_within_the_limit',
-    'history_of_many_values',
 )  # fmt: skip
 
 
@@ -55,19 +54,6 @@ def test_a_hostile_file_is_refused_in_one_line(name, tmp_path, capsys, quickly_m
     cost = Cost(status, seconds, more / 1e6, capsys.readouterr().err.strip())
     assert (cost.status, cost.problem) == (2, ''), cost
     assert before > 10e6  # it is measured
-
-
-def test_the_judge_of_costs():
-    good = Cost(2, SECONDS - 1, MEGABYTES - 1, 'scara-kinetostatic: file: wrong')
-    assert good.problem == ''
-    for change in (
-        {'status': 1},
-        {'status': -9},
-        {'seconds': SECONDS + 1},
-        {'megabytes': MEGABYTES + 1},
-        {'message': 'a\nb'},
-    ):
-        assert good._replace(**change).problem
 
 
 @pytest.mark.usefixtures('without_page')

@@ -109,19 +109,16 @@ def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_repl
         calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')]))
 
 
-def test_a_folder_that_cannot_be_written_is_named(job, tmp_path):
-    (tmp_path / 'out').write_text('a file')
-    with pytest.raises(OutputError, match=str(tmp_path / 'out')):
-        calibrated(job())
-
-
-def test_what_contradicts_the_cell_names_its_file(job, bags, tmp_path):
+def test_what_contradicts_the_cell_or_cannot_be_written_is_named(job, bags, tmp_path):
     sensor = PAPER_CELL.sensor._replace(
         sign=next(s for s in type(PAPER_CELL.sensor.sign) if s != PAPER_CELL.sensor.sign)
     )
     path = cell_file(tmp_path, replace(PAPER_CELL, sensor=sensor))
     with pytest.raises(CellError, match=path):
         calibrated(job(cell=path))
+    (tmp_path / 'out').write_text('a file')
+    with pytest.raises(OutputError, match=str(tmp_path / 'out')):
+        calibrated(job())
 
 
 CODE = 'from scara_kinetostatic.nodes.calibration_job import main; main()'

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import yaml
-from nodes.waiting import WAIT, Bench
+from nodes.waiting import Bench
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -20,7 +20,6 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibration_job as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_node import ERROR
-from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
@@ -167,6 +166,10 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
         assert b.node._condition.message == 'no calibration yet'
         b.wait(lambda: b.heard[-1]['state'] == 'cancelled')
         assert b.heard[-1]['part'] == PROGRESS['part']
+    b.begin(PROGRESS['step'])
+    process = b.node._process._process
+    b.node.close()
+    assert process.poll() is not None, 'a calibration ends with the node'
 
 
 def test_a_calibration_that_does_not_end_is_killed(calling, recording, monkeypatch):
@@ -195,13 +198,3 @@ def test_what_makes_no_sense_is_said_when_it_is_used(calling, recording, tmp_pat
     assert b.set(name, str(wrong) if name == 'cell' else value) == ''
     answer = b.calibrate()
     assert not answer.success and message in answer.message
-
-
-def test_a_calibration_gives_up_when_the_node_ends(processes, client, recording, tmp_path):
-    processes.start('calibrator', {'recording': recording, 'output': tmp_path / 'results'})
-    heard: list[str] = []
-    client._node.create_subscription(String, '/calibrator/progress', lambda said: heard.append(said.data), LATCHED)
-    client._meet('/calibrator/calibrate', Trigger).call_async(Trigger.Request())
-    client.wait('its begin', lambda: bool(heard), WAIT)
-    assert processes.stop() == {'calibrator': 0}
-    assert 'Traceback' not in processes.log('calibrator').read_text()

@@ -16,9 +16,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from benchmark.cell_nodes import DemoClient
-from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift
-from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import joint_trajectory
 
 CELL = replace(PAPER_CELL, limits=((-2.6, 2.6), (-2.6, 2.6)), lift=Lift('joint3', 0.02, 0.0), hold={'joint4': 0.1})
@@ -99,20 +97,3 @@ def test_it_obeys_and_says_what_it_refuses(processes, client, cell_in, scene):
         cockpit.send([0.1, 0.0, q2, q1 + 0.5])
         for text in ('the drives have stopped: ', 'call ~/reset'):
             cockpit.wait(lambda: text in log.read_text())  # noqa: B023
-
-
-@pytest.mark.parametrize(
-    ('given', 'message'),
-    [
-        ({'scene': 'nowhere'}, "scene: there is no 'nowhere'"),
-        ({'fault': 'nonsense'}, 'expected does_not_follow'),
-        ({'lag': -1.0}, 'parameter lag'),
-        ({'plan': 'plan.yaml'}, 'parameter commanded: a commanded robot has no plan'),
-        ({'scene': 'plain', 'effects': 'sensor_bias:x=1.0,y=-0.5'}, 'a scene has its own'),
-    ],
-)
-def test_senseless_parameters_are_refused(spin, given, message):
-    effects = ['-p', f"effects:=['{given['effects']}']"] if 'effects' in given else []
-    rest = {name: value for name, value in given.items() if name != 'effects'}
-    with pytest.raises(ParameterError, match=message):
-        spin(ContactSimulator, *effects, commanded=True, **rest)

@@ -127,10 +127,13 @@ def test_poses_and_markers_are_in_the_frame_of_the_robot(place):
     assert dot.header.frame_id == line.header.frame_id == 'world'
 
 
-def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot():
+@pytest.mark.parametrize('frame', ['world', 'left/base_link', '', 'abc'])
+def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot(frame):
+    plane = PLANE._replace(frame=frame)
     covariance, pose = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]]), (0.3, -0.2, 2.5)
-    message = deserialize_message(conversion.pose_bytes(STAMP, PLANE, pose, covariance), PoseWithCovarianceStamped)
-    assert message.pose.pose == conversion.pose_stamped(STAMP, PLANE, pose).pose
+    message = deserialize_message(conversion.pose_bytes(STAMP, plane, pose, covariance), PoseWithCovarianceStamped)
+    assert (message.header.frame_id, conversion.nanoseconds_of(message.header.stamp)) == (frame, STAMP)
+    assert message.pose.pose == conversion.pose_stamped(STAMP, plane, pose).pose
     found = np.reshape(message.pose.covariance, (6, 6))
     x, y, n = PLANE.axes.T
     by = np.stack([[*x, 0, 0, 0], [*y, 0, 0, 0], [0, 0, 0, *n]])

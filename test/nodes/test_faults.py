@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from nodes.waiting import WAIT, eventually, meet
-from rcl_interfaces.srv import SetParameters
+import rclpy
+from nodes.waiting import WAIT, meet
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
+from rclpy.exceptions import ParameterException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
-from benchmark.cell_nodes import DemoClient
-from benchmark.faults.services import SECONDS, TEXTS, Caller
-from scara_kinetostatic.errors import ParameterError
+from benchmark.faults.services import TEXTS
+from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.nodes import conversion, streams
 from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.cell_node import WARN
 from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
 NOBODY = '~nobody_of_that_name/recordings'
+BIAS = "effects:=['sensor_bias:x=1.0,y=-0.5']"
 
 
 def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
@@ -36,22 +36,29 @@ def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
     assert 'control characters' in answer.message
 
 
-def test_a_former_result_that_is_no_number_is_refused(spin):
-    with pytest.raises(ParameterError, match=r'parameter calibrated.l1: expected a finite number'):
-        spin(Calibrator, '-p', 'calibrated.l1:=.nan')
-
-
 @pytest.mark.parametrize(
-    ('kind', 'argument', 'message'),
+    ('kind', 'arguments', 'message'),
     [
-        (Collector, f'cell:={NOBODY}', 'parameter cell'),
-        (Collector, 'autostart:=3', 'parameter autostart'),
-        (Calibrator, 'recording:=true', 'parameter recording'),
+        (Collector, [f'cell:={NOBODY}'], 'parameter cell'),
+        (Collector, ['autostart:=3'], 'parameter autostart'),
+        (Calibrator, ['recording:=true'], 'parameter recording'),
+        (Calibrator, ['calibrated.l1:=.nan'], 'parameter calibrated.l1: expected a finite number'),
+        (Calibrator, ['calibrated.l1:=long'], 'calibrated.l1'),
+        (ContactSimulator, ['time_factor:=2'], 'parameter time_factor'),
+        (ContactSimulator, ["effects:=['gravity:g=9.81']"], "effect 'gravity': no such effect"),
+        (ContactSimulator, ["effects:=['sensor_bias:x=1']"], 'expected x, y once each'),
+        (ContactSimulator, ['effects:=gravity'], 'parameter effects'),
+        (ContactSimulator, ['cell:=/no/such/cell.yaml'], '/no/such/cell.yaml'),
+        (ContactSimulator, ['commanded:=true', 'scene:=nowhere'], "scene: there is no 'nowhere'"),
+        (ContactSimulator, ['commanded:=true', 'fault:=nonsense'], 'parameter fault: expected does_not_follow, moved'),
+        (ContactSimulator, ['commanded:=true', 'lag:=-1.0'], 'parameter lag'),
+        (ContactSimulator, ['commanded:=true', 'plan:=plan.yaml'], 'commanded: a commanded robot has no plan'),
+        (ContactSimulator, ['commanded:=true', 'scene:=plain', BIAS], 'a scene has its own'),
     ],
 )
-def test_parameters_that_make_no_sense_are_refused(spin, kind, argument, message):
-    with pytest.raises(ParameterError, match=message):
-        spin(kind, '-p', argument)
+def test_parameters_that_make_no_sense_are_refused(bench, kind, arguments, message):
+    with pytest.raises((ParameterError, ParameterException, CellError), match=message):
+        bench(kind, *(part for argument in arguments for part in ('-p', argument)))
 
 
 def test_parameters_are_guarded_while_the_collector_records(bench, tmp_path):
@@ -106,37 +113,20 @@ def test_gaps_in_the_numbers_of_messages(publishers, numbers, missed):
     assert (f'{lost} messages lost' in ''.join(monitor.report()[0])) == (lost > 0)
 
 
-def test_neither_a_hundred_calls_nor_any_text_of_a_parameter_ends_the_collector(processes, domain, tmp_path):
-    processes.start('collector', {'output': tmp_path / 'first'})
-    caller = Caller(domain)
-    try:
-        assert caller.spin(lambda: '/collector/start' in caller.services('collector'), WAIT)
-        for clients in (1, 10):
-            answered, seconds = caller.flood('/collector/start', Trigger, 100, clients)
-            assert (answered, seconds < SECONDS) == (100, True)
-    finally:
-        caller.close()
-    assert len(list((tmp_path / 'first').glob('touches*'))) == 1
-    with DemoClient(domain, processes.check) as client:
-        client.call('/collector/stop', Trigger, Trigger.Request(), WAIT)
-        refused = []
-        for text in (*TEXTS, str(tmp_path)):
-            request = SetParameters.Request(parameters=[Parameter('output', value=text).to_parameter_msg()])
-            client.call('/collector/set_parameters', SetParameters, request, WAIT)
-            if text.startswith(('x' * 300, '/dev', '/proc', str(tmp_path))):
-                answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
-                refused.append(not answer.success)
-                assert '\n' not in answer.message
-        processes.check()
+def test_no_text_of_a_parameter_ends_the_collector(bench, tmp_path):
+    b, refused = bench(Collector), []
+    for text in (*TEXTS, str(tmp_path)):
+        b.set('output', text)
+        if text.startswith(('x' * 300, '/dev', '/proc', str(tmp_path))):
+            answer = b.call('/collector/start')
+            refused.append(not answer.success)
+            assert '\n' not in answer.message
     assert refused == [True] * (len(refused) - 1) + [False]
 
 
-def test_a_second_node_of_a_name_is_said(processes, client, spin):
-    spin(Collector)
-    processes.start('collector', {})
-    said: list[str] = []
-    client._node.create_subscription(
-        DiagnosticArray, '/diagnostics', lambda array: said.extend(status.message for status in array.status), 10
-    )
-    client.wait('a warning', lambda: any('another node is named /collector' in text for text in said), WAIT)
-    assert eventually(lambda: 'another node is named /collector' in processes.log('collector').read_text())
+def test_a_second_node_of_a_name_is_said(bench):
+    b = bench(Collector)
+    b.wait(lambda: b.statuses)
+    twin = rclpy.create_node('collector')
+    b.wait(b.says('another node is named /collector', WARN))
+    twin.destroy_node()

@@ -88,14 +88,8 @@ def parameters(node: dict[str, Any]) -> dict[str, Any]:
     return dict(node['parameters'][-1])
 
 
-def test_everything_starts_by_default(launched):
-    nodes = launched.nodes()
-    assert list(nodes) == ALL
-    assert [node['executable'] for node in nodes.values()] == ALL
-    assert {node['package'] for node in nodes.values()} == {'scara_kinetostatic'}
-
-
 @pytest.mark.parametrize(('arguments', 'expected'), [
+    ({}, ALL),
     ({'simulate': 'false', 'cell': CELL}, ALL[1:]),
     ({'calibrate': 'false'}, ['contact_simulator', 'collector', 'visualizer']),
     ({'calibrate': 'false', 'show': 'false', 'simulate': 'false', 'cell': CELL}, ['collector']),
@@ -106,8 +100,10 @@ def test_everything_starts_by_default(launched):
     ({'show': 'false', 'watch': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'monitor']),
     ({'show': 'false', 'run': 'true', 'cell': CELL}, [*ALL[:3], 'touch_runner']),
 ])  # fmt: skip
-def test_parts_are_left_out(launched, arguments, expected):
-    assert list(launched.nodes(**arguments)) == expected
+def test_all_is_started_but_what_is_left_out(launched, arguments, expected):
+    nodes = launched.nodes(**arguments)
+    assert list(nodes) == [node['executable'] for node in nodes.values()] == expected
+    assert {node['package'] for node in nodes.values()} == {'scara_kinetostatic'}
 
 
 @pytest.mark.parametrize(('arguments', 'problem'), [
@@ -177,11 +173,6 @@ def test_an_earlier_result_is_that_of_all_nodes(launched, tmp_path):
         assert parameters(nodes[name]) == {'calibration': str(tmp_path / 'calibration.json')}
 
 
-def test_the_end_of_a_display_ends_nothing_else(launched):
-    nodes = launched.nodes()
-    assert nodes['visualizer']['on_exit'] is None and nodes['calibrator']['on_exit'] is not None
-
-
 @pytest.mark.parametrize(('respawn', 'status', 'ends'), [
     ('false', 1, True), ('false', 2, True), ('true', 1, False), ('true', -9, False), ('true', 2, True),
     ('true', 0, True),
@@ -189,7 +180,9 @@ def test_the_end_of_a_display_ends_nothing_else(launched):
 def test_the_end_of_a_node(launched, respawn, status, ends):
     """It ends the nodes of its cell, once, unless the node is started again."""
     started = [item for item in launched.actions(respawn=respawn) if 'name' in item.given]
-    (node,) = (item.given for item in started if item.given['name'] == 'collector')
+    nodes = {item.given['name']: item.given for item in started}
+    node = nodes['collector']
+    assert nodes['visualizer']['on_exit'] is None, 'the end of a display ends nothing else'
     assert node['respawn'] == (respawn == 'true') and node['respawn_delay'] > 0
     event = SimpleNamespace(returncode=status, process_name='collector-2')
     assert node['on_exit'](event, SimpleNamespace(is_shutdown=True)) is None
@@ -232,16 +225,11 @@ def test_the_runner_on_ros2_control(launched):
     given = {name: value.given['value_type'] for name, value in parameters(by_action).items()}
     assert given.keys() - parameters(by_topic).keys() == {'action'}
     assert parameters(by_action)['action'].args[0][1] == '/follow_joint_trajectory'
+    assert (given.pop('use_sim_time'), given.pop('cell')) == (bool, str)
     source = (LAUNCH.parent / 'scara_kinetostatic' / 'nodes' / 'parameters.yaml').read_text()
     declared = {name: stated['default'] for name, stated in yaml.safe_load(source)['touch_runner'].items()}
-    assert str(declared.pop('patience')) == arguments['patience']['default_value'] == '30.0'
-    assert str(declared.pop('max_touches')) == arguments['max_touches']['default_value'] == '100'
-    assert (
-        given.pop('patience') is float
-        and given.pop('max_touches') is int
-        and given.pop('use_sim_time') is bool
-        and given.pop('cell') is str
-    )
-    assert set(given) == {'output', 'action', 'calibration'} and all(isinstance(declared[name], str) for name in given)
+    assert given == {name: type(declared[name]) for name in given}
+    for name in ('patience', 'max_touches'):
+        assert arguments[name]['default_value'] == str(declared[name])
     assert arguments.keys() == {*parameters(by_topic), 'controller', 'use_action', 'namespace'}
     assert [name for name, item in arguments.items() if 'default_value' not in item] == ['cell']

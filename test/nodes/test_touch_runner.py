@@ -1,4 +1,4 @@
-"""The node that makes a robot touch by itself, against the simulator that obeys."""
+"""The node that makes a robot touch by itself, against the simulator that obeys, and against a robot that stands."""
 
 from __future__ import annotations
 
@@ -10,61 +10,34 @@ from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from nodes.waiting import WAIT, eventually, trigger
-from rclpy.node import Node
+from nodes.waiting import WAIT, Bench, meet, trigger
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
-from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.errors import CellError, InputError, OutputError
 from scara_kinetostatic.nodes import touch_runner
+from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.conversion import joint_state, stamp_of, wrench
 from scara_kinetostatic.nodes.streams import LATCHED
-from scara_kinetostatic.nodes.touch_runner import TouchRunner
-from scara_kinetostatic.pipeline import gather_touches
+from scara_kinetostatic.nodes.touch_runner import Controller, TouchRunner
+from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
 CELL = replace(DEMO_CELL, lift=None, tolerance=None)
-
-
-class Watch:
-    """What runner and robot say, with the times at which it was heard, s."""
-
-    def __init__(self, client: DemoClient) -> None:
-        self.client = client
-        self.states: list[tuple[float, DiagnosticStatus]] = []
-        self.joints: list[tuple[float, list[float]]] = []
-        self.next: list[PoseStamped] = []
-        node = client._node
-        node.create_subscription(DiagnosticArray, '/touch_runner/state', self._note, LATCHED)
-        node.create_subscription(PoseStamped, '/touch_runner/next_touch', self.next.append, LATCHED)
-        node.create_subscription(
-            JointState, '/joint_states', lambda said: self.joints.append((monotonic(), list(said.position))), 10
-        )
-
-    def _note(self, message: DiagnosticArray) -> None:
-        self.states.append((monotonic(), message.status[0]))
-
-    @property
-    def values(self) -> dict[str, str]:
-        return {item.key: item.value for item in self.states[-1][1].values} if self.states else {}
-
-    def until(self, phase: str, accepted: int = 0) -> None:
-        def is_there() -> bool:
-            return self.values.get('phase') == phase and int(self.values.get('accepted') or 0) >= accepted
-
-        self.client.wait(phase, is_there, WAIT)
+STANDS = [0.5, 1.0]
+"""The joints of a robot that stands, rad."""
 
 
 @pytest.fixture(autouse=True)
@@ -84,106 +57,103 @@ def zeroed(cell_in: Callable[..., Path]) -> Path:
     return cell_in(CELL, sensor=CELL.sensor._replace(zero_service='/ft/zero'))
 
 
-@pytest.fixture
-def watch(processes: NodeProcesses, client: DemoClient, cell: Path, tmp_path: Path) -> Watch:
-    """The simulator and the runner, which begins at once."""
-    simulated = {
-        'commanded': True,
-        'joint_rate': 125.0,
-        'wrench_rate': 125.0,
-        'publish_clock': True,
-        'time_factor': 0.5,
-    }
-    processes.start('contact_simulator', {'cell': cell, **simulated})
+class Watch:
+    """What runner and robot say, with the times at which it was heard, s."""
+
+    def __init__(self, client: DemoClient) -> None:
+        self.client = client
+        self.states: list[DiagnosticStatus] = []
+        self.joints: list[tuple[float, list[float]]] = []
+        self.next: list[PoseStamped] = []
+        hear = client._node.create_subscription
+        hear(DiagnosticArray, '/touch_runner/state', lambda array: self.states.extend(array.status), LATCHED)
+        hear(PoseStamped, '/touch_runner/next_touch', self.next.append, LATCHED)
+        hear(JointState, '/joint_states', lambda said: self.joints.append((monotonic(), list(said.position))), 10)
+
+    @property
+    def values(self) -> dict[str, str]:
+        return {item.key: item.value for item in self.states[-1].values} if self.states else {}
+
+    def until(self, *phases: str) -> None:
+        self.client.wait(' or '.join(phases), lambda: self.values.get('phase') in phases, WAIT)
+
+    def until_it_stands(self, since: float) -> np.ndarray:
+        """All positions after a time, (k, j), rad: the last 50 are one."""
+
+        def heard() -> list[list[float]]:
+            return [position for time, position in self.joints if time > since]
+
+        def stands() -> bool:
+            return len(heard()) > 50 and bool(np.ptp(heard()[-50:], axis=0).max() < 1e-4)
+
+        self.client.wait('a robot that stands', stands, WAIT)
+        return np.array(heard())
+
+
+def test_a_kill_leaves_the_robot_standing(
+    processes: NodeProcesses, client: DemoClient, cell: Path, tmp_path: Path
+) -> None:
+    rates = {'joint_rate': 125.0, 'wrench_rate': 125.0, 'publish_clock': True, 'time_factor': 0.5}
+    processes.start('contact_simulator', {'cell': cell, 'commanded': True, **rates})
     own = {'output': tmp_path / 'out', 'autostart': True, 'use_sim_time': True}
-    pid = processes.start('touch_runner', {'cell': cell, **own})
-    one = Watch(client)
-    one.pid = pid
-    return one
-
-
-def test_stop_retracts_and_a_kill_leaves_the_robot_standing(watch, processes, client, tmp_path):
-    """And all that was counted."""
-    watch.until('approach')
-    client.wait('the next touch', lambda: bool(watch.next), WAIT)
+    pid, watch = processes.start('touch_runner', {'cell': cell, **own}), Watch(client)
+    for _ in range(5):  # where this machine is busy, messages that come late end a run: it is begun again
+        watch.until('press', 'stopped')
+        if watch.values['phase'] == 'press':
+            break
+        client.wait('the end', lambda: bool(watch.values.get('result')), WAIT)
+        trigger(client, '/touch_runner/start')
+        watch.states.clear()
+    assert watch.values['phase'] == 'press'
+    os.kill(pid, signal.SIGKILL)
+    killed = monotonic()
+    processes._running.pop('touch_runner').wait()
+    moved = np.ptp(watch.until_it_stands(killed), axis=0).max()
+    assert moved < 5e-3, 'as far as one message of a press leads, however late joints are heard'
     pose = watch.next[-1].pose
     angle = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
     place = np.array([pose.position.x, pose.position.y])
     surfaces = [place - disc.radius * np.array([np.cos(angle), np.sin(angle)]) for disc in CELL.discs]
     apart = [np.hypot(s[0] - d.x, s[1] - d.y) for s, d in zip(surfaces, CELL.discs, strict=True)]
     assert min(apart) < 1e-9  # the x axis is the outward normal
-    assert trigger(client, '/touch_runner/start').message == 'going on'
-    assert trigger(client, '/touch_runner/stop').success
-    watch.until('stopped')
-    status = watch.states[-1][1]
-    assert status.message == 'stopped by ~/stop'
-    client.wait('the end', lambda: 'too few touches' in watch.values.get('result', ''), WAIT)
-    heard = len(watch.joints)
-    client.wait('some time', lambda: len(watch.joints) > heard + 60, WAIT)
-    assert np.ptp([position for _, position in watch.joints[-20:]], axis=0).max() < 1e-4
-
-    def is_pressing() -> bool:
-        return watch.values.get('phase') == 'press' and int(watch.values.get('accepted') or 0) >= 1
-
-    for _ in range(5):  # where this machine is busy, messages that come late end a run: it is begun again
-        trigger(client, '/touch_runner/start')
-        watch.states.clear()
-        client.wait('a press', lambda: is_pressing() or watch.values.get('phase') == 'stopped', WAIT)
-        if is_pressing():
-            break
-    assert is_pressing()
-    accepted = int(watch.values['accepted'])
-    os.kill(watch.pid, signal.SIGKILL)
-    killed = monotonic()
-    processes._running.pop('touch_runner').wait()
-
-    def since() -> list[list[float]]:
-        return [position for time, position in watch.joints if time > killed]
-
-    def stands() -> bool:
-        return len(since()) > 50 and bool(np.ptp(since()[-50:], axis=0).max() < 1e-4)
-
-    watch.client.wait('a robot that stands', stands, WAIT)
-    assert np.ptp(since(), axis=0).max() < 5e-3, 'as far as one message of a press leads, however late joints are heard'
-    bag = max((tmp_path / 'out').iterdir())
-    assert len(gather_touches([bag], CELL).touches) >= accepted
 
 
-def test_nobody_hears_or_a_second_runner_is_there(spin, client, cell, tmp_path):
-    node = spin(TouchRunner, cell=cell, output=tmp_path / 'out')
-    answer = trigger(client, '/touch_runner/start')
+def test_nobody_hears_or_a_second_runner_is_there(bench, cell, tmp_path):
+    b = bench(TouchRunner, cell=cell, output=tmp_path / 'out')
+    answer = b.call('/touch_runner/start')
     assert not answer.success
     assert 'nobody hears /joint_trajectory' in answer.message
-    assert not trigger(client, '/touch_runner/pause').success
+    assert not b.call('/touch_runner/pause').success
     assert not (tmp_path / 'out').exists()
-    client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
-    client._node.create_publisher(JointTrajectory, '/joint_trajectory', 10)
-    assert eventually(lambda: 'another node publishes' in node._hearing())
-    answer = trigger(client, '/touch_runner/start')
-    assert 'another node publishes /joint_trajectory, /demo: end it' in answer.message
+    b.hear(JointTrajectory, '/joint_trajectory', 10)
+    b.robot.create_publisher(JointTrajectory, '/joint_trajectory', 10)
+    b.wait(lambda: 'another node publishes' in b.node._hearing())
+    answer = b.call('/touch_runner/start')
+    assert 'another node publishes /joint_trajectory, /robot: end it' in answer.message
 
 
-def test_a_cell_without_limits_is_refused(spin, cell_in):
-    with pytest.raises(CellError, match='limits of the joints are missing'):
-        spin(TouchRunner, cell=cell_in(CELL, limits=None))
+@pytest.mark.parametrize(
+    ('limits', 'action', 'error', 'says'),
+    [
+        (None, '', CellError, 'limits of the joints are missing'),
+        (CELL.limits, 'arm/follow', InputError, 'control_msgs cannot be imported'),
+    ],
+    ids=['limits', 'control_msgs'],
+)
+def test_what_is_missing_is_said(bench, cell_in, limits, action, error, says):
+    with pytest.raises(error, match=says):
+        bench(TouchRunner, cell=cell_in(CELL, limits=limits), action=action)
 
 
-def test_started_by_itself_it_ends_with_a_status(spin, cell, tmp_path, monkeypatch):
-    monkeypatch.setattr(touch_runner, '_WAIT', 0.5)
-    node = spin(TouchRunner, cell=cell, output=tmp_path / 'out', autostart=True, exit_when_done=True)
-    assert eventually(lambda: node.exit_status == 3)
-    assert 'nobody hears' in node._runner.status.text
-
-
-def test_without_control_msgs_an_action_is_refused(spin, cell):
-    with pytest.raises(InputError, match='control_msgs cannot be imported'):
-        spin(TouchRunner, cell=cell, action='arm/follow')
+def test_started_by_itself_it_ends_with_a_status(bench, cell, tmp_path, monkeypatch):
+    monkeypatch.setattr(touch_runner, '_WAIT', 0.1)
+    b = bench(TouchRunner, cell=cell, output=tmp_path / 'out', autostart=True, exit_when_done=True)
+    b.wait(lambda: b.node.exit_status == 3)
+    assert 'nobody hears' in b.node._runner.status.text
 
 
 RESULT = SimpleNamespace(INVALID_GOAL=-1, GOAL_TOLERANCE_VIOLATED=-5)
 """Error codes of FollowJointTrajectory: control_msgs is not needed here."""
-
-
 TOLERANCE = 'Aborted due to path tolerance violation'
 STOPPED = 'Current goal cancelled during deactivate transition.'
 PREEMPTED = 'Current goal preempted by new incoming action.'
@@ -214,108 +184,139 @@ class StandIn:
         answer.set_result(SimpleNamespace(accepted=code is not None, get_result_async=lambda: ended))
         if code:
             result = SimpleNamespace(error_code=code, error_string=self.why)
-            ended.set_result(SimpleNamespace(status=6, result=result))
+            ended.set_result(SimpleNamespace(status=GoalStatus.STATUS_ABORTED, result=result))
         return answer
 
 
 @pytest.fixture
-def action(monkeypatch: pytest.MonkeyPatch, cell: Path, tmp_path: Path) -> dict[str, object]:
-    """Parameters of a runner that commands by goals, to the stand-in."""
+def action(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
+    """The parameter of a runner that commands by goals, to the stand-in."""
     monkeypatch.setattr(touch_runner, 'ActionClient', StandIn)
     kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
     monkeypatch.setattr(touch_runner, 'follow_joint_trajectory', lambda *_: kind)
-    return {'cell': cell, 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': True}
+    return {'action': 'arm/follow'}
 
 
-def test_who_publishes_trajectories_beside_an_action_is_refused(spin, client, action):
-    spin(TouchRunner, **action)
-    client._node.create_publisher(JointTrajectory, '/arm/joint_trajectory', 10)
-    answer = trigger(client, '/touch_runner/start')
-    client.wait('the discovery', lambda: client._node.count_publishers('/arm/joint_trajectory') > 0, WAIT)
-    for _ in range(50):
-        answer = trigger(client, '/touch_runner/start')
-        if 'another node publishes /arm/joint_trajectory, /demo: end it' in answer.message:
-            return
-    pytest.fail(answer.message)
+def test_who_publishes_trajectories_beside_an_action_is_refused(bench, cell, action):
+    b = bench(TouchRunner, cell=cell, **action)
+    b.robot.create_publisher(JointTrajectory, '/arm/joint_trajectory', 10)
+    b.wait(lambda: 'another node publishes' in b.node._hearing())
+    answer = b.call('/touch_runner/start')
+    assert 'another node publishes /arm/joint_trajectory, /robot: end it' in answer.message
 
 
 @pytest.mark.parametrize(
-    ('answers', 'why', 'phase', 'says'),
+    ('code', 'why', 'says', 'passes'),
     [
-        ((None,), '', 'stopped', 'the controller rejects a trajectory'),
-        ((0, -4), TOLERANCE, 'stopped', f'(error code -4): {TOLERANCE} (in travel)'),
-        ((0, -5, 0), '', 'waiting', '(error code -5)'),
-        ((0, -1, None), STOPPED, 'waiting', f'(error code -1): {STOPPED} (in travel); waiting for 30 s at most'),
-        (
-            (0, -1, 0),
-            STOPPED,
-            'judge',
-            f'going on after: the controller aborts a trajectory (error code -1): {STOPPED}',
-        ),
-        ((0, -1, 0), PREEMPTED, 'stopped', f'{PREEMPTED}: somebody else commands the robot'),
+        (None, '', 'the controller rejects a trajectory: it is not active, or its log says why', True),
+        (-4, TOLERANCE, f'the controller aborts a trajectory (error code -4): {TOLERANCE}', False),
+        (-5, '', 'the controller aborts a trajectory (error code -5): ', True),
+        (-1, STOPPED, f'the controller aborts a trajectory (error code -1): {STOPPED}', True),
+        (-1, PREEMPTED, f'(error code -1): {PREEMPTED}: somebody else commands the robot', False),
+        (-9, '', '(error code -9): ', False),
     ],
-    ids=['rejected', 'tolerance', 'late', 'inactive', 'active again', 'preempted'],
 )
-def test_an_action_server_is_commanded_and_may_refuse(spin, client, monkeypatch, action, answers, why, phase, says):
-    monkeypatch.setattr(StandIn, 'answers', answers)
+def test_how_a_goal_failed_and_whether_that_may_pass(bench, action, monkeypatch, code, why, says, passes):
+    monkeypatch.setattr(StandIn, 'answers', (code, 0))
     monkeypatch.setattr(StandIn, 'why', why)
-    node = spin(TouchRunner, **action)
-    said, stand = standing(node, client)
-    client.wait('the answer', lambda: stand() and any(p == phase and says in text for p, text in said()), WAIT)
-    first, *others = StandIn.goals
-    assert first.joint_names == list(CELL.joint_names)
-    assert list(first.points[-1].positions) == pytest.approx(STANDS), 'a goal that moves nothing is the first'
-    if answers[0] is None:
-        assert not others, 'nothing has moved'
-    else:
-        assert len(others[0].points[0].velocities) == 2, 'the way is one goal'
+    failed: list[tuple[str, bool]] = []
+    controller = Controller(bench(Collector).node, action['action'], lambda *how: failed.append(how))
+    command = Command(CELL.joint_names, np.array([0.1]), np.array([STANDS]), np.zeros((1, 0)))
+    controller.send(command)
+    ((reason, may_pass),) = failed
+    assert (reason.endswith(says), may_pass) == (True, passes)
+    controller.send(command)
+    assert len(failed) == 1, 'the second goal goes on'
+    controller._take_answer(1, controller._client.send_goal_async(SimpleNamespace(trajectory=None)))
+    assert len(failed) == 1, 'the end of a goal in whose place another came'
 
 
-STANDS = [0.5, 1.0]
+class Standing(Bench):
+    """A robot that stands, whatever is commanded, and its clock.
 
+    Attributes:
+        sent: what is commanded by messages.
+        said: phase and text, whenever they change.
+    """
 
-def standing(node: Node, client: DemoClient) -> tuple[Callable[[], list[tuple[str, str]]], Callable[[], bool]]:
-    """A robot that stands, whatever is commanded: what the runner has said, and what gives the next samples."""
-    states = client._node.create_publisher(JointState, '/joint_states', 10)
-    wrenches = client._node.create_publisher(WrenchStamped, '/wrench', 10)
-    clock = client._node.create_publisher(Clock, '/clock', 10)
-    client.wait('the clock', lambda: clock.get_subscription_count() > 0 and wrenches.get_subscription_count() > 0, WAIT)
-    start = trigger(client, '/touch_runner/start')
-    assert start.success, start.message
-    now, said = 1.0, list[tuple[str, str]]()
+    def __init__(self, node: TouchRunner) -> None:
+        super().__init__(node)
+        make = self.robot.create_publisher
+        self._states, self._wrenches = make(JointState, '/joint_states', 10), make(WrenchStamped, '/wrench', 10)
+        self._clock = make(Clock, '/clock', 10)
+        self.sent = self.hear(JointTrajectory, '/joint_trajectory', 10)
+        self.said: list[tuple[str, str]] = []
+        self._now, self._samples = 10**9, 0
 
-    def stand() -> bool:
-        nonlocal now
-        now += 0.004
-        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
-        stamp = Time(seconds=now).to_msg()
-        states.publish(JointState(header=Header(stamp=stamp), name=['joint1', 'joint2'], position=STANDS))
-        wrenches.publish(WrenchStamped(header=Header(stamp=stamp, frame_id='base_link')))
-        status = node._runner.status
-        if not said or said[-1] != status[:2]:
-            said.append(status[:2])
-        return True
+    def begin(self) -> None:
+        meet(self.node, self._states, self._wrenches)
+        self.wait(lambda: not self.node._controller.absence() and self._clock.get_subscription_count() > 0)
+        start = self.call('/touch_runner/start')
+        assert start.success, start.message
 
-    return lambda: said, stand
+    def stand(self, until: Callable[[], Any]) -> None:
+        """Until a condition holds: the next samples come as soon as the runner has taken the last ones."""
+        self.wait(until, self.sample)
 
+    def stand_for(self, seconds: float) -> None:
+        end = self._now + seconds * 1e9
+        self.stand(lambda: self._now > end or self.node._runner.is_over)
 
-ByClock = tuple[TouchRunner, list[JointTrajectory]]
+    def until_it_moves(self) -> None:
+        """Until a way is commanded by messages; the first command leads to where it stands."""
+        self.stand(lambda: self.sent and len(self.sent[-1].points) > 1)
+
+    def sample(self) -> None:
+        taken = min(monitor.count for monitor in self.node._streams.monitors.values())
+        if self._samples and (taken < self._samples or self.node.now() < self._now):
+            return
+        self._now, self._samples = self._now + 4_000_000, self._samples + 1
+        self._clock.publish(Clock(clock=stamp_of(self._now)))
+        self._states.publish(joint_state((self._now, *STANDS), CELL.joint_names))
+        self._wrenches.publish(wrench((self._now, 0.0, 0.0), 'base_link'))
+        if (status := self.node._runner.status[:2]) not in self.said[-1:]:
+            self.said.append(status)
 
 
 @pytest.fixture
-def by_clock(spin: Callable[..., Node], client: DemoClient, cell: Path, tmp_path: Path) -> ByClock:
-    """A runner with `use_sim_time`, and what it commands."""
-    node = spin(TouchRunner, cell=cell, output=tmp_path / 'out', use_sim_time=True)
-    sent: list[JointTrajectory] = []
-    client._node.create_subscription(JointTrajectory, '/joint_trajectory', sent.append, 10)
-    assert eventually(lambda: not node._controller.absence())
-    return node, sent
+def standing(bench: Callable[..., Any], cell: Path, tmp_path: Path) -> Callable[..., Standing]:
+    """Begins a run with a robot that stands."""
+
+    def make(**more: object) -> Standing:
+        given = {'cell': cell, 'output': tmp_path / 'out', 'use_sim_time': True, **more}
+        made: Standing = bench(TouchRunner, on=Standing, **given)
+        return made
+
+    return make
 
 
-def test_a_recording_that_fails_ends_the_run(by_clock):
+@pytest.mark.parametrize(
+    ('answers', 'ways', 'phases'),
+    [((None,), 0, ['stopped']), ((0, -4), 1, ['stopped']), ((0, -1, 0), 1, ['waiting', 'judge'])],
+    ids=['rejected', 'tolerance', 'active again'],
+)
+def test_an_action_server_is_commanded_and_may_refuse(standing, action, monkeypatch, answers, ways, phases):
+    monkeypatch.setattr(StandIn, 'answers', answers)
+    monkeypatch.setattr(StandIn, 'why', STOPPED)
+    b = standing(**action)
+    b.begin()
+    b.stand(lambda: b.said and b.said[-1][0] == phases[-1])
+    assert [phase for phase, _ in b.said if phase not in ('idle', 'plan', 'travel')] == phases
+    first, *others = StandIn.goals
+    assert first.joint_names == list(CELL.joint_names)
+    assert list(first.points[-1].positions) == pytest.approx(STANDS), 'a goal that moves nothing is the first'
+    assert [len(goal.points[0].velocities) for goal in others if len(goal.points) > 1] == [2] * ways, 'one goal a way'
+    text = b.said[-1][1]
+    if 'waiting' in phases:
+        assert text == f'going on after: the controller aborts a trajectory (error code -1): {STOPPED} (in travel)'
+        assert 'waiting for 30 s at most' in dict(b.said)['waiting']
+    else:
+        assert text.startswith('the controller ')
+
+
+def test_a_recording_that_fails_ends_the_run(standing):
     """Also where that shows as the touch is judged."""
-    node, _ = by_clock
-    closed: list[bool] = []
+    node, closed = standing().node, list[bool]()
 
     def full() -> None:
         raise OutputError('/bags', 'no space left on the device')
@@ -327,53 +328,61 @@ def test_a_recording_that_fails_ends_the_run(by_clock):
     assert closed and node._session is None
 
 
-def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(by_clock, client):
-    node, sent = by_clock
-    _, stand = standing(node, client)
-    client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
-    before = len(sent)
-    node.close()
-    node._is_running = False
-    client.wait('the halt', lambda: len(sent) > before, WAIT)
-    assert 'the node was ended' in node._runner.status.text
-    assert [list(point.positions) for point in sent[-1].points] == [pytest.approx(STANDS)]
+def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(standing):
+    b = standing()
+    b.begin()
+    b.until_it_moves()
+    before = len(b.sent)
+    b.node.close()
+    b.node._is_running = False
+    b.wait(lambda: len(b.sent) > before)
+    assert 'the node was ended' in b.node._runner.status.text
+    assert [list(point.positions) for point in b.sent[-1].points] == [pytest.approx(STANDS)]
 
 
-def test_by_itself_it_begins_when_the_sensor_can_be_zeroed(spin, client, zeroed, tmp_path):
-    client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
-    node = spin(TouchRunner, cell=zeroed, output=tmp_path / 'out', autostart=True, exit_when_done=True)
-    assert eventually(lambda: not node._controller.absence())
-    assert 'nobody serves /ft/zero (sensor.zero_service)' in node._absence()
-    assert trigger(client, '/touch_runner/start').message == 'nobody serves /ft/zero (sensor.zero_service)'
-    end = monotonic() + 0.5
-    client.wait('some looks', lambda: monotonic() > end, WAIT)
-    assert node.exit_status is None and not node._is_running
-    client._node.create_service(Trigger, '/ft/zero', lambda _, answer: answer)
-    assert eventually(lambda: node._is_running)
-
-
-def test_a_goal_of_somebody_else_ends_a_run_by_messages(by_clock, client):
+def test_a_run_is_stopped_and_ended_by_a_goal_of_somebody_else(standing):
+    b = standing()
+    states = b.hear(DiagnosticArray, '/touch_runner/state')
     goals = '/follow_joint_trajectory/_action/status'
-    others = client._node.create_publisher(GoalStatusArray, goals, qos_profile_action_status_default)
-    client.wait('the runner', others.get_subscription_count, WAIT)
-    node, sent = by_clock
-    _, stand = standing(node, client)
-    client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
+    others = b.robot.create_publisher(GoalStatusArray, goals, qos_profile_action_status_default)
+    b.wait(others.get_subscription_count)
+    b.begin()
+    b.until_it_moves()
+    assert b.call('/touch_runner/start', b.sample).message == 'going on'
+    assert b.call('/touch_runner/stop', b.sample).success
+    b.stand(lambda: b.node._runner.is_over and not b.node._is_running)
+    assert b.node._runner.status.text == 'stopped by ~/stop'
+    b.wait(lambda: any('too few touches' in item.value for item in states[-1].status[0].values))
+    del b.sent[:]
+    b.begin()
+    b.until_it_moves()
     for status, is_over in ((GoalStatus.STATUS_SUCCEEDED, False), (GoalStatus.STATUS_EXECUTING, True)):
         others.publish(GoalStatusArray(status_list=[GoalStatus(status=status)]))
-        end = monotonic() + 0.5
-        client.wait('the status', lambda: stand() and (node._runner.is_over or monotonic() > end), WAIT)  # noqa: B023
-        assert node._runner.is_over == is_over
-    assert 'somebody else sends goals to /follow_joint_trajectory: end that' in node._runner.end.reason
-    assert 'somebody else sends goals' in trigger(client, '/touch_runner/start').message
+        b.stand_for(0.2)
+        assert b.node._runner.is_over == is_over
+    assert 'somebody else sends goals to /follow_joint_trajectory: end that' in b.node._runner.end.reason
+    assert 'somebody else sends goals' in b.call('/touch_runner/start').message
     others.publish(GoalStatusArray())
-    assert eventually(lambda: not node._absence())
+    b.wait(lambda: not b.node._absence())
+
+
+def test_by_itself_it_begins_when_the_sensor_can_be_zeroed(bench, zeroed, tmp_path):
+    b = bench(TouchRunner, cell=zeroed, output=tmp_path / 'out', autostart=True, exit_when_done=True)
+    b.hear(JointTrajectory, '/joint_trajectory', 10)
+    b.wait(lambda: not b.node._controller.absence())
+    assert 'nobody serves /ft/zero (sensor.zero_service)' in b.node._absence()
+    assert b.call('/touch_runner/start').message == 'nobody serves /ft/zero (sensor.zero_service)'
+    said = len(b.statuses)
+    b.wait(lambda: len(b.statuses) > said + 2)  # it has looked again
+    assert b.node.exit_status is None and not b.node._is_running
+    b.robot.create_service(Trigger, '/ft/zero', lambda _, answer: answer)
+    b.wait(lambda: b.node._is_running)
 
 
 @pytest.mark.parametrize('answer', [False, True], ids=['fails', 'succeeds'])
-def test_the_sensor_is_zeroed_before_the_run(spin, client, zeroed, tmp_path, answer):
-    node = spin(TouchRunner, cell=zeroed, output=tmp_path / 'out')
-    client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
+def test_the_sensor_is_zeroed_before_the_run(bench, zeroed, tmp_path, answer):
+    b = bench(TouchRunner, cell=zeroed, output=tmp_path / 'out')
+    b.hear(JointTrajectory, '/joint_trajectory', 10)
     calls: list[bool] = []
 
     def zero(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -381,12 +390,11 @@ def test_the_sensor_is_zeroed_before_the_run(spin, client, zeroed, tmp_path, ans
         response.success, response.message = answer, 'a force acts'
         return response
 
-    client._node.create_service(Trigger, '/ft/zero', zero)
-    assert eventually(node._zero_client.service_is_ready)
-    assert eventually(lambda: not node._controller.absence())
-    start = trigger(client, '/touch_runner/start')
+    b.robot.create_service(Trigger, '/ft/zero', zero)
+    b.wait(lambda: not b.node._absence())
+    start = b.call('/touch_runner/start')
     assert start.success, start.message
     failed = '/ft/zero (sensor.zero_service) failed: a force acts'
     expected = '/joint_states is silent' if answer else failed
-    client.wait('the answer', lambda: expected in node._runner.status.text, WAIT)
+    b.wait(lambda: expected in b.node._runner.status.text)
     assert calls == [True]

@@ -1,4 +1,4 @@
-"""Cells side by side, and robots that share a topic."""
+"""Cells in a namespace, and robots that share a topic."""
 
 from __future__ import annotations
 
@@ -8,66 +8,19 @@ from time import sleep
 from typing import Any
 
 import numpy as np
-import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import WAIT, eventually, trigger
+from nodes.waiting import eventually
 from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
-from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM
-from scara_kinetostatic.touches.detection import DISCARDED, find_touches
-
-PLAN = """
-- {disc: disc_1, angle_deg: 30, posture: left, force: 25}
-- {disc: disc_1, angle_deg: -30, posture: left, force: 35}
-- {disc: disc_2, angle_deg: -90, posture: left, force: 30}
-"""
-
-
-def test_two_cells_in_two_namespaces_do_not_mix(
-    processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
-) -> None:
-    """With the same description, whose topic names are relative."""
-    (tmp_path / 'plan.yaml').write_text(PLAN)
-    for number, space in enumerate(('left', 'right')):
-        simulator = {'cell': cell_file, 'plan': tmp_path / 'plan.yaml', 'wait_for_subscribers': 1, 'time_factor': 10.0}
-        processes.start('collector', {'cell': cell_file, 'output': tmp_path / space, 'autostart': True}, space)
-        processes.start('contact_simulator', simulator | {'truth.theta1': 0.02 * number}, space)
-    for space in ('left', 'right'):
-        asked = f'/{space}/collector/stop'
-        (recording,) = iter_until(client, tmp_path / space)
-        client.wait('three touches', lambda: len(touches_in(recording)) >= 3, WAIT)  # noqa: B023
-        answer = trigger(client, asked)
-        assert answer.message.startswith('3 touches (0 more rejected)')
-        assert 'publishers' not in answer.message
-    first, second = (read_streams(next((tmp_path / space).iterdir()), PAPER_CELL) for space in ('left', 'right'))
-    assert first.topics == ('/left/joint_states', '/left/wrench')
-    assert second.topics == ('/right/joint_states', '/right/wrench')
-    turned = (
-        find_touches(second, PAPER_CELL).touches.joints[:, 0] - find_touches(first, PAPER_CELL).touches.joints[:, 0]
-    )
-    np.testing.assert_allclose(turned, -0.02, atol=2e-3)
-
-
-def iter_until(client: DemoClient, folder: Path) -> list[Path]:
-    client.wait('a recording', lambda: folder.exists() and any(folder.glob('touches_*')), WAIT)
-    return list(folder.glob('touches_*'))
-
-
-def touches_in(recording: Path) -> list[int]:
-    try:
-        return find_touches(read_streams(recording, PAPER_CELL), PAPER_CELL).touches.index.tolist()
-    except Exception:  # nothing is recorded yet
-        return []
+from scara_kinetostatic.nodes.streams import RELIABLE_STREAM
 
 
 def test_topics_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -100,37 +53,3 @@ def test_two_publishers_on_a_topic_are_said(bench: Callable[..., Any], cell_file
     b.robot.destroy_publisher(other)
     b.wait(b.says('', OK))
     b.robot.destroy_publisher(one)
-
-
-def test_a_touch_is_published_and_can_be_discarded(
-    processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
-) -> None:
-    (tmp_path / 'plan.yaml').write_text(PLAN)
-    told: list[dict[str, str]] = []
-    client._node.create_subscription(
-        DiagnosticArray,
-        '/collector/touch',
-        lambda array: told.append({item.key: item.value for item in array.status[0].values}),
-        LATCHED_TOUCHES,
-    )
-    processes.start('collector', {'cell': cell_file, 'output': tmp_path / 'bags', 'autostart': True})
-    assert 'no accepted touch' in trigger(client, '/collector/discard_last').message
-    simulator = {'cell': cell_file, 'plan': tmp_path / 'plan.yaml', 'wait_for_subscribers': 1, 'time_factor': 10.0}
-    processes.start('contact_simulator', simulator)
-    client.wait('two touches', lambda: len(told) >= 2, WAIT)
-    client.wait('the end', lambda: client.finished, WAIT)
-    answer = trigger(client, '/collector/discard_last')
-    assert answer.success
-    number = int(answer.message.split()[1])
-    client.wait('the message', lambda: any(touch['discarded'] == 'true' for touch in told), WAIT)
-    stopped = trigger(client, '/collector/stop')
-    assert stopped.message.startswith('2 touches (1 more rejected)')
-    client.wait('all messages', lambda: len(told) == 4, WAIT)
-    assert [touch['accepted'] for touch in told].count('true') == 3
-    assert {touch['recording'] for touch in told} == {client.recording}
-    assert float(told[0]['fx_N']) ** 2 + float(told[0]['fy_N']) ** 2 == pytest.approx(25.0**2, rel=0.1)
-    assert told[0]['object'] == 'disc_1'
-    detection = find_touches(read_streams(client.recording, PAPER_CELL), PAPER_CELL)
-    assert [(item.index, item.reason) for item in detection.rejected] == [(number, DISCARDED)]
-    assert len(detection.touches) == 2
-    assert 'nothing is being recorded' in trigger(client, '/collector/discard_last').message

@@ -123,10 +123,3 @@ def test_foxglove_in_a_namespace(tmp_path):
     names = re.findall(r'"(/[^"]*)"', text)
     assert [name for name in names if not name.startswith('/left/')] == ['/diagnostics']
     assert json.loads(text)['configById']['3D!cell']['followTf'] == 'left/base_link'
-
-
-def test_the_groups_are_those_of_the_markers():
-    folder = CONFIG.parent / 'scara_kinetostatic'
-    source = ''.join((folder / name).read_text() for name in ('report/markers.py', 'contour/online.py'))
-    for group in set().union(*GROUPS.values()) - {'nominal', 'calibrated'}:
-        assert f"'{group}'" in source
