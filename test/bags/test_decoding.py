@@ -131,6 +131,7 @@ def test_why_messages_are_dropped():
     assert decoder.dropped == {
         'without positions': 2,
         'without q1 and q2': 2,
+        'where q1 and q2 are not in one message': 1,
         'with values that are not finite': 2,
         'in an encoding other than plain CDR': 1,
     }
