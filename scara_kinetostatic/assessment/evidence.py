@@ -141,6 +141,7 @@ class Evidence:
         extended_held_out: as `held_out`, of the model extended by what was found; the same where nothing was.
         found: touches in the recordings, rejected ones included.
         rejected: all that were not used, by index: by the detection and by the fit.
+        first_touches: number of the first touch of each recording.
         sequence_known: whether the order in time of the recordings is known.
         check: what the touches said of the cell before the fit; None where they were not asked.
     """
@@ -151,6 +152,7 @@ class Evidence:
     extended_held_out: HeldOut
     found: int
     rejected: tuple[Rejection, ...]
+    first_touches: tuple[int, ...] = (0,)
     sequence_known: bool = True
     check: Check | None = None
 

@@ -37,7 +37,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.outline import EDGE_RADIUS, Surfaces
+from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces
 from scara_kinetostatic.model.parameters import G_EE, L1, L2, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -429,7 +429,9 @@ def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]
     """All mistakes that may have been made in a reading, but for a coupling of the joints."""
     yield from _of_sensor(r, cell, origin)
     yield from _of_joints(r, cell, origin)
-    if not cell.has_outlines:
+    if cell.has_outlines:
+        yield from _of_tip(r, cell)
+    else:
         for one in _of_discs(r, cell):
             if not layout_problems(cell, *one.mended.surfaces[1:3]):
                 yield one
@@ -500,7 +502,7 @@ def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
 def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candidate, _Agreement]]:
     """Joint 1 turns the reading of joint 2 as well, by the part with which the touches agree best."""
     free = np.append(r.free[:-1], 1.0)
-    starts = (r._replace(nominal=np.append(r.nominal[:-1], part), free=free) for part in np.linspace(-1.0, 1.0, 11))
+    starts = (r._replace(nominal=np.append(r.nominal[:-1], part), free=free) for part in np.linspace(-2.0, 2.0, 21))
     fit, mended = min(((_fit(start), start) for start in starts), key=lambda item: item[0].misfit)
     part = float(fit.parameters[-1])
     if abs(part) < _Limits.least_coupling:
@@ -528,15 +530,30 @@ def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
                 yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
-        statement = f'radius is the diameter of {name}'
-        halved = r.with_surfaces(radii=np.where(own, 0.5 * radii, radii))
-        yield _Candidate(where, statement, 'halve it and add the radius of the tip if it is not contained', halved)
+        for factor, statement, action in (
+            (0.5, f'radius is the diameter of {name}', 'halve it and add the radius of the tip if it is not contained'),
+            (2.0, f'radius of {name} is half of what it should be', 'double it'),
+        ):
+            yield _Candidate(where, statement, action, r.with_surfaces(radii=np.where(own, factor * radii, radii)))
     for i, j in combinations(range(len(names)), 2):
         if abs(radii[i] - radii[j]) > _Limits.same_length:
             swapped = radii.copy()
             swapped[[i, j]] = radii[[j, i]]
             statement = f'the radii, or the centers, of {names[i]} and {names[j]} are swapped'
             yield _Candidate('objects', statement, 'exchange them', r.with_surfaces(radii=swapped))
+
+
+def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+    """A diameter for the radius of the tip, or none: it displaces the edges and corners of outlines."""
+    is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[r.surfaces.object]
+    corner, edge = is_outline & ~r.surfaces.is_edge, r.surfaces.is_edge[:, None] * r.surfaces.normals
+    tip = cell.tip_radius or 0.0
+    changes = [('radius of the tip is its diameter', 'halve it', -0.5 * tip)]
+    if tip < _Limits.least_tip:  # what is left of it is a backlash
+        changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
+    for statement, action, more in changes:
+        mended = r.with_surfaces(radii=r.surfaces.radii + more * corner, centers=r.surfaces.centers + more * edge)
+        yield _Candidate('tip.radius', statement, action, mended)
 
 
 def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[_Candidate, _Agreement]]:

@@ -139,8 +139,21 @@ def _about_group(evidence: Evidence, group: Group) -> Remark:
 
 
 def unusable(evidence: Evidence) -> Iterator[Remark]:
-    """Touches that were found and cannot be used, for whatever reason."""
-    number, found = len(evidence.rejected), evidence.found
-    if number > Limits.most_unusable * found:
-        action = 'see in the list of rejected touches why; `inspect` shows them in the recording'
-        yield Remark(Grade.CAUTION, f'{number} of {found} touches found are not used', action)
+    """Touches that were found and cannot be used, for whatever reason, in all or in one recording; an unmet object."""
+    c, rejected = evidence.final, evidence.rejected
+    astray = sum(item.kind == 'no object' for item in rejected)
+    missed = [disc.name for k, disc in enumerate(c.cell.discs) if not (c.touches.disc == k).any()]
+    if missed and astray > Limits.most_rejected * evidence.found:
+        names = ', '.join(missed)
+        action = f'measure place and size of {names} again'
+        yield Remark(Grade.CAUTION, f'{astray} of {evidence.found} touches meet no object, and none {names}', action)
+        return
+    edges = [*evidence.first_touches, max(evidence.found, evidence.first_touches[-1])]
+    numbers = np.histogram(np.array([item.index for item in rejected], dtype=np.intp), edges)[0]
+    parts = [('', len(rejected), evidence.found)]
+    parts += [(f'in recording {k + 1} ', int(n), edges[k + 1] - edges[k]) for k, n in enumerate(numbers)]
+    for where, number, found in parts:
+        if number > Limits.most_unusable * found:
+            action = 'see in the list of rejected touches why; `inspect` shows them in the recording'
+            yield Remark(Grade.CAUTION, f'{where}{number} of {found} touches found are not used', action)
+            return

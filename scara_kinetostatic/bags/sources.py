@@ -109,7 +109,9 @@ class BagFolder(Source):
         self._files = self._listed_files()
         if not self._files:
             stored = r'[^.].*\.(mcap|db3)(\.zstd)?\Z'
-            self._files = sorted((file for file in path.iterdir() if re.match(stored, file.name)), key=_natural)
+            self._files = sorted(
+                (file for file in path.iterdir() if file.is_file() and re.match(stored, file.name)), key=_natural
+            )
         if not self._files:
             inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
             remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'

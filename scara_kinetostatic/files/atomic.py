@@ -14,6 +14,7 @@ import os
 import re
 import shutil
 import signal
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -119,6 +120,8 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
                 _write(hidden / name, text)
             for name, second in kept.items():
                 shutil.copy2(folder / name, hidden / second)
+                with (hidden / second).open('rb') as copy:
+                    os.fsync(copy.fileno())
             with _no_signal():
                 for name in (*kept.values(), *texts):
                     (hidden / name).replace(folder / name)
@@ -127,12 +130,20 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
 
 @contextmanager
 def _no_signal() -> Iterator[None]:
-    """Ctrl-C and SIGTERM have to wait."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    """Ctrl-C and SIGTERM have to wait. A mask would hold for this thread alone, and those of BLAS would take them."""
+    came = list[int]()
+    former = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    if threading.current_thread() is not threading.main_thread() or None in former.values():
+        former = {}  # the main thread alone runs handlers; a handler that is not of Python stays
+    for each in former:
+        signal.signal(each, lambda number, _: came.append(number))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for each, handler in former.items():
+            signal.signal(each, handler)
+        for number in came:
+            signal.raise_signal(number)
 
 
 def sync_folder(folder: Path) -> None:
@@ -202,11 +213,10 @@ def read_file(path: str | Path, problem: type[InputError], most: int, what: str)
         if not path.exists():
             raise problem(path, 'there is no such file', 'check the path')
         if not path.is_file():
-            raise problem(
-                path, f'expected a file of {what}, got ' + ('a folder' if path.is_dir() else 'something else')
-            )
+            kind = 'a folder' if path.is_dir() else 'something else'
+            raise problem(path, f'expected a file of {what}, got {kind}', 'name the file itself')
         if (size := path.stat().st_size) > most:
-            raise problem(path, f'expected at most {most >> 10} KiB of {what}, got {size} bytes')
+            raise problem(path, f'expected at most {most >> 10} KiB of {what}, got {size} bytes', 'check the path')
         return path.read_bytes()
     except (OSError, ValueError) as error:  # a ValueError: a path with a null character
         reason = error.strerror if isinstance(error, OSError) else error

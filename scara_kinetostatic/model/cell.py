@@ -717,6 +717,14 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
     """Distance of two objects between the places of the tip on them, m; below 0 where they overlap, -inf if open ones
     cross.
     """
+    if isinstance(one, Disc):
+        one, other = other, one
+    if isinstance(one, Disc):
+        return float(np.hypot(one.x - other.x, one.y - other.y) - one.radius - other.radius)
+    if isinstance(other, Disc):
+        places, center = boundary(surfaces_of([one], tip_radius)), np.array([[other.x, other.y]])
+        away = float(np.hypot(*(places - center).T).min())
+        return -away if one.is_closed and inside(places, center)[0] else away - other.radius
     items = one, other
     places, others = lines = [boundary(surfaces_of([item], tip_radius)) for item in items]
     away = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1))

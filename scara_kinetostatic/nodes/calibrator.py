@@ -70,6 +70,10 @@ class ResultParameters:
                 raise ParameterError(f'parameter {full}', f'expected a finite number, got {given[full].value}')
         stated = {name: given.get(f'{GROUP}.{name}') for name in FACTS}
         self.facts: dict[str, Any] = {name: each.value for name, each in stated.items() if each is not None}
+        for name, value in self.facts.items():
+            kind, meaning = FACTS[name]
+            if not isinstance(value, kind) or (isinstance(value, list) and not all(isinstance(v, str) for v in value)):
+                raise ParameterError(f'parameter {GROUP}.{name}', f'expected {meaning}, got {value!r:.40}')
         node.add_on_set_parameters_callback(self._guard)
 
     @property

@@ -37,8 +37,8 @@ from scara_kinetostatic.report.json_file import Document
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 CALLS = QoSProfile(depth=1000)
 """Of services: so many calls at once wait for their answer; with the default of 10 the others are lost unanswered."""
-LASTING: dict[str, Any] = {'throttle_duration_sec': 30.0, 'skip_first': True}
-"""How the log has what is examined once a second and is wrong for longer."""
+LASTING: dict[str, Any] = {'throttle_duration_sec': 30.0}
+"""How often the log has what is examined once a second."""
 _FILE = Path(__file__).with_name('parameters.yaml')
 PARAMETERS: dict[str, dict[str, dict[str, Any]]] = parse_yaml(read_text(_FILE, ParameterError), _FILE, ParameterError)
 """Of each node, by name: what that file states."""

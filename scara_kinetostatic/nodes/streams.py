@@ -141,7 +141,7 @@ class StreamMonitor:
         count, self._others, lost, self._parted = (total - former for total, former in zip(totals, before, strict=True))
         if count > self._others + self._parted:
             self.problem = ''
-        elif self._others:
+        elif self._others or self._parted:
             self.problem = self.refusal
         problems = [self.problem or ('no messages' if expected and not count else '')]
         if lost:
@@ -391,7 +391,7 @@ def heard_description(topic: str) -> str:
         InputError: the name is none of a topic, or nothing comes within 10 s.
     """
     context = Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.ALL)
     try:
         node = rclpy.create_node('cell', context=context)
         found, message = wait_for_message(String, node, topic, qos_profile=LATCHED, time_to_wait=10.0)

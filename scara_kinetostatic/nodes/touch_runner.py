@@ -25,7 +25,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import isnan
@@ -253,8 +254,10 @@ class TouchRunner(RecordingNode):
 
     def _submit(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Has a calibration made in the other process."""
-        if self._work is None:
-            self._work = ProcessPoolExecutor(1, get_context('spawn'), _end_with_parent)
+        if self._work is not None:
+            with suppress(BrokenExecutor):  # its process was killed: another one
+                return self._work.submit(do, *arguments)
+        self._work = ProcessPoolExecutor(1, get_context('spawn'), _end_with_parent)
         return self._work.submit(do, *arguments)
 
     # Services
@@ -272,8 +275,8 @@ class TouchRunner(RecordingNode):
             self._waits_until = monotonic_ns() + int(_WAIT * NANOSECONDS)
         if self._runner.end is not None:
             self._runner = self._new_runner()
-        self._session = Session(self._output, self._cell, self.now(), self._streams)
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
+        self._session = Session(self._output, self._cell, self.now(), self._streams)
         self._autostart, self._is_running, self._result = False, True, ''
         self._runner.start()
         self._publish_state()

@@ -219,7 +219,7 @@ class Runner:
             else:  # while retracting: it stands
                 self._script = None
             return self._stand()
-        except (ScaraKinetostaticError, BrokenExecutor) as error:  # the latter: the process that calibrates was killed
+        except (ScaraKinetostaticError, BrokenExecutor, OSError) as error:  # of the calibrating process, too
             self._give_up(Fault(str(error)))
             return self._stand()
         return self._command

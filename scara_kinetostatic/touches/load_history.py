@@ -7,7 +7,8 @@ The path is that of the whole recording up to the hold: every contact counts, wi
 oscillation, whether it is a touch or rejected. Between contacts the load is zero, and so it is where nothing was
 recorded, below the force at which a contact begins (`contacts.CONTACT_FORCE`), and in `weak` contacts, whose force
 comes from the acceleration of the arm. The collector records without interruption. A recording starts relaxed: what
-the joints remember from before it is not known.
+the joints remember from before it is not known. At most `MOST_TURNS` moments are kept from contact to contact: beyond,
+the latest and thus smallest swings are dropped, which only a play of a half-width below half of them would remember.
 """
 
 from __future__ import annotations
@@ -118,6 +119,8 @@ class Turn(NamedTuple):
     torque: tuple[float, float]
 
 
+MOST_TURNS = 64
+"""So many moments are kept from contact to contact."""
 _Turns = tuple[Turn, ...]
 
 
@@ -281,7 +284,7 @@ def load_history(
             before[number] = _remembered((*memory.turns, *load.turns(first, torque)), torque)
         unloaded = load.unloaded()
         kept = _remembered((*memory.turns, *load.turns(len(load.time), unloaded.torque)), unloaded.torque)
-        memory = LoadMemory(unloaded.stamp, (*kept, unloaded))
+        memory = LoadMemory(unloaded.stamp, (*kept[: MOST_TURNS - 1], unloaded))
         memories.append(memory)
     return before, tuple(memories)
 

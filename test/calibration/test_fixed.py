@@ -54,7 +54,7 @@ def test_values_far_from_nominal_have_another_unit(name, far, usual):
     ('fixed', 'message'),
     [
         ({'object_radius[disc_2].raduis': 0.0}, "did you mean 'object_radius"),
-        ({'objct_radius[disc_2].radius': 0.0}, 'did you mean object_radius'),
+        ({'objct_radius[disc_2].radius': 0.0}, "did you mean 'object_radius"),
         ({'transmission_error[joint1].cycles': 3.0}, r'amplitude is free: an effect is held by all of its parameters'),
     ],
 )

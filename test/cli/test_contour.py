@@ -74,7 +74,7 @@ def test_another_tip_and_the_deviation_from_an_object_of_the_cell(folder, run):
     [
         ('nothing', 'result/calibration.json', 2, 'nothing'),
         ('slide', 'cell.yaml', 2, 'cell.yaml'),
-        ('slide', 'slide', 2, 'is a folder'),
+        ('slide', 'slide', 2, 'got a folder'),
         ('slide', 'nothing.json', 2, 'nothing.json'),
         ('cell.yaml', 'result/calibration.json', 2, 'cell.yaml'),
         ('touches', 'result/calibration.json', 3, 'the tip does not slide'),

@@ -63,7 +63,7 @@ def test_start_and_stop_each_make_sense_once(bench, cell_file, tmp_path):
 
 
 def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_recording(spin, cell_in, tmp_path):
-    """The wrist stands elsewhere in the third of five touches, and between others; joints come in three messages."""
+    """The wrist stands elsewhere in the third of five touches, and between others; messages of their own."""
     cell = replace(
         CELL,
         sensor=Sensor('joint_states', 'wrench', time_offset=0.0),
@@ -84,9 +84,8 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
     for stamp, (q1, q2) in zip(streams.joints.stamp.tolist(), streams.joints.position.tolist(), strict=True):
         time = 1e-9 * (stamp - START)
         wrist = 0.6 if begin < time < end or end + 0.5 < time < end + 0.8 else 0.5
-        names, position = ['joint3', 'joint1', 'joint4', 'joint2'], [0.0, q1, wrist, q2]
-        for part in range(3):
-            message = JointState(name=names[part::3], position=position[part::3])
+        for part in ({'joint3': 0.0}, {'joint2': q2, 'joint1': q1}, {'joint4': wrist}):
+            message = JointState(name=list(part), position=list(part.values()))
             message.header.stamp = conversion.stamp_of(stamp)
             joints.publish(message)
     for stamp, (x, y) in zip(streams.wrench.stamp.tolist(), streams.wrench.force.tolist(), strict=True):
