@@ -27,7 +27,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.urdf import side_by_side
+from scara_kinetostatic.files.urdf import arm_urdf
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 
 PACKAGE = 'scara_kinetostatic'
@@ -180,7 +180,7 @@ class CellNodes:
     def _robot_state_publisher(self) -> Node:
         """Publishes the frames of the nominal arm."""
         cell = self._cell
-        urdf = side_by_side('scara', cell, None)
+        urdf = arm_urdf('scara', cell, cell.nominal)
         values = {'robot_description': ParameterValue(urdf, value_type=str), 'frame_prefix': self._prefix}
         name = 'robot_state_publisher'
         return self._any_node(

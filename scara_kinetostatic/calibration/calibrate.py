@@ -248,10 +248,11 @@ def _start(
 
 def _check_held(model: ExtendedModel, cell: Cell, fixed: Mapping[str, float]) -> None:
     """Refuses an effect that is held, and an unknown error of the cell as well."""
-    declared = DeclaredErrors.of(cell)
-    for law in model.effects if declared else ():
+    if not model.effects or (declared := DeclaredErrors.of(cell)) is None:
+        return
+    for law in model.effects:
         source = getattr(law, 'declared_as', '') or law.label
-        if declared and source in declared.places and all(f'{law.label}.{p.name}' in fixed for p in law.parameters):
+        if source in declared.places and all(f'{law.label}.{p.name}' in fixed for p in law.parameters):
             problem = f'is held, and the cell description declares an uncertainty of {source}'
             raise ParameterError(f'fixed effect {law.label}', problem, 'correct the cell description instead')
 

@@ -23,10 +23,11 @@ from scara_kinetostatic.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
+    out = 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'
     effect = 'an effect beyond the parameters, SI; repeatable'
     add_options(
         parser,
-        ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
+        ('--out', 'BAG', Path, out, {'required': True}),
         ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
         ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, effect, SEVERAL),
         ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
@@ -62,8 +63,6 @@ def run(args: argparse.Namespace) -> None:
             or cannot be written.
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
-    if args.out is None:
-        raise InputError('--out', 'is missing', 'name the recording to make')
     given = {name: getattr(args, name) for name in ('per_disc', 'levels', 'preload')}
     choices = {name: value for name, value in given.items() if value is not None}
     if args.plan and choices:

@@ -36,7 +36,7 @@ from scara_kinetostatic.files.cell_file import turned_limits
 from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.robot_cell import planar_arm
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of, read_bytes
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf, comment, place_of_arm, render, xacro
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, render, xacro
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
@@ -331,8 +331,8 @@ def rigid_miss(arm: CalibratedArm) -> float:
 
 def urdf_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     """The URDF: its tip `tool0` is at H(L̄, Q) for the joint angles Q that the robot reports."""
-    arms = [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)]
-    return arm_urdf(arm.cell.identification.robot or 'scara', arm.cell, arms, _comment(facts))
+    name = arm.cell.identification.robot or 'scara'
+    return arm_urdf(name, arm.cell, arm.model.parameters, CALIBRATED_COLOUR, _comment(facts))
 
 
 def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:

@@ -1,4 +1,4 @@
-"""URDF of the arm: as the cell description states it, as it was calibrated, or both side by side.
+"""URDF of the arm, as the cell description states it or as it was calibrated.
 
 The frames are those of (5), in the names of REP-103, REP-105 and ROS-Industrial: `base_link` is the frame in which the
 objects are given, the tip is `tool0`. The offsets are in the origins of the joints, so that the joint angles which the
@@ -12,10 +12,9 @@ A URDF is rigid: the tip is H(L̄, Q), without deflection and backlash.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from math import pi
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from markupsafe import Markup
 
@@ -26,8 +25,6 @@ from scara_kinetostatic.model.parameters import Parameters
 
 TOOL_FRAME = 'tool0'
 """Frame of the tip; x runs along link 2."""
-CALIBRATED = 'calibrated_'
-"""Begins the names of the calibrated arm beside the nominal one."""
 NOMINAL_COLOUR = (0.55, 0.55, 0.55, 0.6)
 CALIBRATED_COLOUR = (0.0, 0.45, 0.70, 0.9)
 
@@ -67,28 +64,15 @@ def render(path: Path, *, escape: bool = True, **values: Any) -> str:
     return environment.get_template(path.name).render(**values)
 
 
-class Arm(NamedTuple):
-    """One arm of a URDF.
-
-    Attributes:
-        parameters: L̄.
-        prefix: of the names of its links and joints.
-        colour: red, green, blue, opacity, 0 to 1.
-    """
-
-    parameters: Parameters
-    prefix: str = ''
-    colour: Colour = NOMINAL_COLOUR
-
-
-def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> str:
+def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOMINAL_COLOUR, comment: str = '') -> str:
     """The text of a URDF, from the template `arm.urdf.j2`.
 
     Args:
         name: of the robot.
         cell: names and directions of q1 and q2 in `JointState`; their coupling: a joint that mimics q1 then turns q2
-            back; and the plane, in which the arms are.
-        arms: the joints of the first have these names; those of the others mimic them.
+            back; and the plane, in which the arm is.
+        parameters: L̄.
+        colour: red, green, blue, opacity, 0 to 1.
         comment: XML to stand before the robot.
     """
     return render(
@@ -98,7 +82,8 @@ def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> s
         back=-cell.coupling,
         axes=cell.direction,
         **place_of_arm(cell),
-        arms=arms,
+        p=parameters,
+        colour=colour,
         quarter=pi / 2,
         comment=Markup(comment),
     )
@@ -111,9 +96,3 @@ def place_of_arm(cell: Cell) -> dict[str, Any]:
     plane = cell.plane
     angles = Rotation.from_matrix(plane.axes).as_euler('xyz').tolist()
     return {'plane': plane, 'base': 'arm_plane' if plane.is_stated else plane.frame, 'rpy': angles}
-
-
-def side_by_side(name: str, cell: Cell, calibrated: Parameters | None) -> str:
-    """The text of a URDF of the nominal arm and, where there is one, the calibrated arm."""
-    found = [] if calibrated is None else [Arm(calibrated, CALIBRATED, CALIBRATED_COLOUR)]
-    return arm_urdf(name, cell, [Arm(cell.nominal), *found])

@@ -313,11 +313,7 @@ def _condition(facts: Mapping[str, Any], message: str, published: bool = True) -
     level = {'fit': OK, UNFIT: ERROR}.get(str(facts.get('assessment')), WARN)
     if facts.get('verdict') == 'unexplained' or facts.get('warnings'):
         level = max(level, WARN)
-    figures = {
-        name: '; '.join(fact) if isinstance(fact, list) else str(fact)
-        for name, fact in facts.items()
-        if name != 'model'
-    }
+    figures = {name: '; '.join(fact) if isinstance(fact, list) else str(fact) for name, fact in facts.items()}
     return Condition(level, message, figures | {'published': str(published).lower()})
 
 

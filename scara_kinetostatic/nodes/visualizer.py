@@ -29,7 +29,7 @@ from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, arm_urdf
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
@@ -72,7 +72,7 @@ class Visualizer(CellNode):
         self.create_subscription(PoseStamped, 'touch_runner/next_touch', self._note_next, LATCHED)
         self.create_subscription(DiagnosticArray, 'touch_runner/state', self._note_state, LATCHED)
         if not self._cell.plane.tip:
-            self._description.publish(String(data=side_by_side('scara', self._cell, None)))
+            self._description.publish(String(data=arm_urdf('scara', self._cell, self._cell.nominal)))
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
 

@@ -347,16 +347,15 @@ def _around(places: Floats, radius: Floats) -> Floats:
     return np.asarray((places[:, None] + out * np.stack([np.cos(turns), np.sin(turns)], axis=-1)).reshape(-1, 2))
 
 
-def shortest_order(lengths: Floats, first: int | None = None) -> list[int]:
+def shortest_order(lengths: Floats) -> list[int]:
     """An order of n stops with a short way: from each to the nearest, then improved by reversing parts (2-opt).
 
     Args:
         lengths: between the stops, (n, n).
-        first: where to begin; None for anywhere.
     """
     n = len(lengths)
     candidates = []
-    for start in range(n) if first is None else [first]:
+    for start in range(n):
         order, left = [start], set(range(n)) - {start}
         while left:
             order.append(min(left, key=lambda k: float(lengths[order[-1], k])))
@@ -367,7 +366,7 @@ def shortest_order(lengths: Floats, first: int | None = None) -> list[int]:
     improved = True
     while improved:
         improved = False
-        for i in range(0 if first is None else 1, n - 1):
+        for i in range(n - 1):
             for j in range(i + 1, n):
                 before, after = best[i - 1] if i else n, best[j + 1] if j + 1 < n else n
                 a, b = best[i], best[j]

@@ -40,7 +40,6 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_aside
@@ -60,7 +59,6 @@ from scara_kinetostatic.planning.candidates import (
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
 from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 
 UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
@@ -121,7 +119,7 @@ class PlannedTouches(NamedTuple):
         reasons: why each is made.
         approach: where the tip begins to approach each.
         ways: between these places.
-        order: stop of `ways` of each, from 1 on where stop 0 is the place to start from.
+        order: stop of `ways` of each.
         left_out: what cannot be touched, a sentence for each disc.
         uncertainty: of the tip.
     """
@@ -133,12 +131,6 @@ class PlannedTouches(NamedTuple):
     order: list[int]
     left_out: list[str]
     uncertainty: Uncertainty
-
-    def sentence(self, cell: Cell, k: int = 0) -> str:
-        """One of the touches in words, such as ``disc_2 at 170°, left, 40 N, it sharpens l2``."""
-        plan = self.plan
-        where = f'{cell.discs[int(plan.disc[k])].name} at {np.degrees(plan.angle[k]) % 360:.0f}°'
-        return f'{where}, {POSTURE_NAMES[int(plan.posture[k])]}, {plan.force[k]:.0f} N, it {self.reasons[k]}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,54 +341,37 @@ class Planner:
         """The largest expanded uncertainty of the tip over the region that the touches made lead to, m."""
         return self._uncertainty(self.candidates, []).planned
 
-    def accurate(self, number: int, start: Poses | None = None) -> PlannedTouches:
-        """The touches that lower the uncertainty of the tip most, and decide about what is suspected.
-
-        Args:
-            number: of touches.
-            start: where the tip stands, one pose; None: anywhere.
+    def accurate(self, number: int) -> PlannedTouches:
+        """So many touches that lower the uncertainty of the tip most, and decide about what is suspected.
 
         Raises:
-            UnsupportedDataError: no touch can be reached, or none from there.
+            UnsupportedDataError: no touch can be reached.
         """
-        return self._arranged(self.candidates, choose(self.candidates, number), start)
+        return self._arranged(self.candidates, choose(self.candidates, number))
 
-    def discriminating(self, number: int, start: Poses | None = None) -> PlannedTouches:
-        """The touches that decide about what is suspected, as between rivals.
-
-        Args:
-            number: of touches.
-            start: where the tip stands, one pose; None: anywhere.
+    def discriminating(self, number: int) -> PlannedTouches:
+        """So many touches that decide about what is suspected, as between rivals.
 
         Raises:
-            UnsupportedDataError: none can be reached, or none from there; or more touches hardly decide.
+            UnsupportedDataError: none can be reached; or more touches hardly decide.
         """
         # 0.99: of the variance of what is suspected; in simulated cells a dozen touches left 0.5 to 0.8
         candidates = self.candidates.counting(self._in_doubt, 1.0) if len(self._in_doubt) else self.candidates
         chosen = choose(candidates, number)
         if not len(self._in_doubt) or largest_variance(candidates, chosen) > 0.99:
             raise UnsupportedDataError('more touches hardly decide about what is suspected', 'change the cell')
-        return self._arranged(candidates, chosen, start, self._in_doubt)
+        return self._arranged(candidates, chosen, self._in_doubt)
 
     def _arranged(
-        self, candidates: CandidateTouches, chosen: list[int], start: Poses | None, decided: Indices | None = None
+        self, candidates: CandidateTouches, chosen: list[int], decided: Indices | None = None
     ) -> PlannedTouches:
         """Chosen touches, which tell `decided` values, in the order of a short way."""
         plan = candidates.plan.select(np.array(chosen, dtype=np.intp))
         reasons = self._reasons(candidates, chosen, decided)
         own = self.approach(plan)
-        begin = own.select(slice(0)) if start is None else start
-        stops = Poses(np.concatenate([begin.tip, own.tip]), np.concatenate([begin.posture, own.posture]))
-        ways, first = self.roadmap.ways(stops), len(begin.tip)
-        if first and not np.isfinite(ways.lengths[0]).all():
-            x, y = begin.tip[0]
-            raise UnsupportedDataError(
-                f'no way leads from ({x:.3f}, {y:.3f}) m to the touches',
-                f'move the tip {1e3 * self.space.clearance:.1f} mm clear of everything, within the limits',
-            )
-        order = shortest_order(ways.lengths, first=0 if first else None)[first:]
-        at = np.array(order) - first
-        texts, found = [reasons[k] for k in at], self._uncertainty(candidates, chosen)
+        ways = self.roadmap.ways(own)
+        order = shortest_order(ways.lengths)
+        at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(candidates, chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 
     def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> Uncertainty:

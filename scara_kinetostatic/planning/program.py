@@ -55,7 +55,7 @@ def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) ->
 
 
 def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
-    """Every step, in order; where nobody knows where the robot stands, its first way is one straight travel."""
+    """Every step, in order; nobody knows where the robot stands, and its first way is one straight travel."""
     cell, plan = planner.arm.cell, planned.plan
     motion, lift = cell.touch, cell.lift
     up, down = (None, None) if lift is None else (lift.up, lift.down)
@@ -69,7 +69,7 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
     depth = np.hypot(*(forward(planner.arm.model.parameters, at_hold) - contact).T)
     speed = np.clip(depth / 0.7, motion.contact_speed / 20, motion.contact_speed)  # a press takes 0.7 s, or longer
 
-    origins = [0 if min(planned.order) else None, *planned.order]
+    origins = [None, *planned.order]
 
     def steps() -> Iterator[Step]:
         for k, force in enumerate(plan.force.tolist()):

@@ -9,7 +9,6 @@ without entries is left out, as it has no type in ROS. What the numbers mean sta
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -19,9 +18,7 @@ from typing import Any, NamedTuple
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.errors import ParameterError, one_line
-from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
-from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
 from scara_kinetostatic.report.json_file import utc
 
@@ -68,13 +65,11 @@ class StoredResult(NamedTuple):
     Attributes:
         values: the parameters in the order of `Parameters.names`.
         deviations: their standard deviations; NaN where there is none.
-        effects: the parameters of the effects; their units are not in the file.
         facts: what the result is made from and worth, by the names of `FACTS`; as far as the file says so.
     """
 
     values: list[float]
     deviations: list[float]
-    effects: list[EffectParameter]
     facts: dict[str, Value]
 
 
@@ -94,12 +89,6 @@ def load_result(path: str | Path) -> StoredResult:
         return StoredResult(
             values=list(map(float, values)),
             deviations=[float(given['calibrated_std'][name]) for name in names],
-            effects=[
-                EffectParameter((name, target, key), float(value), float(given[EFFECTS_STD][name][target][key]))
-                for name, targets in given.get(EFFECTS, {}).items()
-                for target, parameters in targets.items()
-                for key, value in parameters.items()
-            ],
             facts=_stored_facts(given.get(GROUP)),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -177,14 +166,13 @@ FACTS = {
     'warnings': Fact(list, 'irregularities of the recordings'),
     'recordings': Fact(list, 'the recordings and touch tables'),
     'created': Fact(str, 'when the result was calculated, UTC'),
-    'model': Fact(str, 'the calibrated model with its covariance, for the node compensator: JSON'),
 }
 """By the part of the parameter's name after `calibration.`."""
 
 
 def facts(outcome: Outcome) -> dict[str, Value]:
     """The values of a result by the names of `FACTS`."""
-    d, compared, model = outcome.diagnosis, outcome.comparison, arm_document(CalibratedArm.of_outcome(outcome))
+    d, compared = outcome.diagnosis, outcome.comparison
     values: dict[str, Any] = {
         'assessment': outcome.assessment.grade.value,
         'reasons': outcome.assessment.reasons,
@@ -203,6 +191,5 @@ def facts(outcome: Outcome) -> dict[str, Value]:
         'warnings': outcome.warnings,
         'recordings': outcome.sources,
         'created': utc(outcome.created),
-        'model': json.dumps(model, ensure_ascii=False, separators=(',', ':')),
     }
     return {name: fact.kind(values[name]) for name, fact in FACTS.items()}

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import declared_rows, largest_variance
-from scara_kinetostatic.planning.motion import Edges, Poses, Space, shortest_order
+from scara_kinetostatic.planning.motion import Edges, Space, shortest_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
@@ -259,27 +259,6 @@ def test_waves_and_slip_are_among_what_is_undecided(label):
     assert largest_variance(of_it, places_of(planner, planner.accurate(15).plan)) < 0.5
 
 
-@pytest.mark.parametrize('lift', [None, LIFT])
-def test_the_order_begins_where_the_tip_stands(lift):
-    planner = planner_of(replace(CELL, lift=lift))
-    anywhere = planner.accurate(6)
-    last = anywhere.approach.select(slice(5, 6))
-    planned = planner.accurate(6, last)
-    np.testing.assert_allclose(planned.approach.tip[0], last.tip[0])
-    assert sorted(planned.order) == [1, 2, 3, 4, 5, 6]
-    way = planned.ways.way(0, planned.order[0])
-    np.testing.assert_allclose(way.tip[-1], planned.approach.tip[0])
-    steps = program(planner, planned)
-    np.testing.assert_allclose(steps[0].tip, last.tip[0] if lift else way.tip[0])
-    assert steps[0].lift == (lift and lift.up)
-    elsewhere = planner.accurate(6, Poses(np.array([[0.0, 0.35]]), np.array([1])))
-    assert {tuple(tip) for tip in elsewhere.approach.tip} == {tuple(tip) for tip in anywhere.approach.tip}
-    if lift is None:
-        inside = Poses(CELL.centers[:1] + 0.01, np.array([1]))
-        with pytest.raises(UnsupportedDataError, match=r'no way leads from \('):
-            planner.accurate(6, inside)
-
-
 def test_distances_of_moves_from_edges():
     edges = Edges(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0.1, 0.2]))
     a, b = np.array([[0.5, 0.0], [-0.5, 0.5], [0.5, 2.0]]), np.array([[0.5, 1.0], [0.5, 0.5], [0.5, 3.0]])
@@ -295,7 +274,6 @@ def test_the_shortest_order_is_that_of_a_line():
     places = np.random.default_rng(2).permutation(9).astype(float)
     order = shortest_order(np.abs(places[:, None] - places))
     assert list(places[order]) in ([*range(9)], [*range(8, -1, -1)])
-    assert shortest_order(np.abs(places[:, None] - places), first=4)[0] == 4
 
 
 def test_touches_that_discriminate_decide_what_is_suspected_and_what_is_given_up_is_left_out(planner):
