@@ -13,7 +13,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Region
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
@@ -149,3 +149,9 @@ def test_the_gravest_reason_comes_first() -> None:
     found = Assessment.of(remarks, ['note'])
     assert (found.grade, found.reasons, found.actions) == (Grade.UNFIT, ('a', 'b', 'c', 'note'), ('y', 'x'))
     assert found.headline == 'unfit: a'
+
+
+def test_touches_close_together_are_an_extrapolation() -> None:
+    cell = replace(PAPER_CELL, discs=(Disc('a', 0.30, 0.30, 0.03), Disc('b', 0.38, 0.30, 0.03)))
+    reasons = calibrate_touches(touch(default_plan(cell, 18), cell), cell).assessment.reasons
+    assert any('the touches cover a small part of the workspace' in reason for reason in reasons)

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pipeline.undeclared import path_of
 
 from scara_kinetostatic import pipeline
+from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.mistakes import (
     FEWEST_TOUCHES,
     Mistake,
@@ -290,3 +292,16 @@ def test_derivatives_of_the_coarse_fit(touches):
             # what the torques add is left out: of second order, but where one of them is nearly zero
             error = np.abs(getattr(found, by)[:, j] - expected)
             assert np.quantile(error, 0.9) < 0.02 * max(np.abs(expected).max(), 1e-2), (j, value)
+
+
+def test_a_mended_cell_that_would_be_refused_is_not_proposed(touches):
+    stated = first_disc(lambda d: d._replace(radius=d.radius / 2))(PAPER_CELL)
+    assert find_mistake(touches['paper'], stated).statement == 'radius of disc_1 is half of what it should be'
+
+
+def test_an_object_that_all_its_touches_miss_asks_for_caution():
+    *others, third = PAPER_CELL.discs
+    larger = replace(PAPER_CELL, discs=(*others, third._replace(radius=1.5 * third.radius)))
+    assessment = pipeline.calibrate_recordings([path_of('engine_a')], larger).assessment
+    assert assessment.grade is Grade.CAUTION
+    assert '28 of 84 touches meet no object, and none disc_3' in assessment.reasons[0]

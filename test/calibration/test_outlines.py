@@ -7,6 +7,7 @@ import pytest
 
 import scara_kinetostatic as sk
 from benchmark.outlines import OBJECTS, cell_of, cell_with, plan_of
+from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
@@ -280,3 +281,13 @@ def test_inner_corners_are_touched_under_gravity():
     found = contact(truth, touches.joints, *places, cell.gripper_sign, tangents=surfaces.tangents[at])
     inner = surfaces.radii[at] < 0
     np.testing.assert_allclose(found.force[inner], touches.force[inner], atol=1e-6)
+
+
+def test_a_wrong_tip_is_named():
+    second = 'outline: [[0.22, 0.20], [0.30, 0.16], [0.34, 0.24], [0.26, 0.28]], corner_radius: 0.003'
+    cell = cell_with(block=BLOCK, second=second, disc='center: [0.25, 0.36], radius: 0.06')
+    touches = sk.simulate(cell, TRUTH, seed=2)
+    assert check_touches(touches, cell).found is None
+    for radius, words in ((1e-4, 'the radius of the tip is missing'), (0.01, 'is its diameter')):
+        found = check_touches(touches, replace(cell, tip_radius=radius)).found
+        assert found is not None and words in found.statement

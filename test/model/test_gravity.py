@@ -250,3 +250,9 @@ def test_a_backlash_of_which_one_flank_is_guessed_is_not_determined(seed):
     found = sk.calibrate(simulate_touches(cell, ExtendedModel(truth), plan, cell.noise, seed), cell)
     z = (found.parameters.as_array() - truth.as_array()) / found.std
     assert np.nanmax(np.abs(z)) < 5.0 and np.isfinite(z).sum() >= 4
+
+
+def test_gravity_stated_upside_down_is_named():
+    turned = replace(CELL, nominal=CELL.nominal.replace(gravity=(-GRAVITY[0], -GRAVITY[1])))
+    outcome = sk.diagnose(sk.simulate(CELL, TRUTH, seed=3), turned)
+    assert any('upside down' in reason for reason in outcome.assessment.reasons)

@@ -44,6 +44,7 @@ def test_a_folder_that_cannot_be_named_so_ends_no_node(bench):
         (Calibrator, ['recording:=true'], 'parameter recording'),
         (Calibrator, ['calibrated.l1:=.nan'], 'parameter calibrated.l1: expected a finite number'),
         (Calibrator, ['calibrated.l1:=long'], 'calibrated.l1'),
+        (Calibrator, ['calibrated.l1:=0.33', 'calibration.recordings:=3'], 'calibration.recordings: expected'),
         (ContactSimulator, ['time_factor:=2'], 'parameter time_factor'),
         (ContactSimulator, ["effects:=['gravity:g=9.81']"], "effect 'gravity': no such effect"),
         (ContactSimulator, ["effects:=['sensor_bias:x=1']"], 'expected x, y once each'),

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -326,6 +327,12 @@ def test_a_recording_that_fails_ends_the_run(standing):
     node._runner.tick(1.0)
     assert node._runner.end.reason == 'the recording failed: /bags: no space left on the device (in idle)'
     assert closed and node._session is None
+
+
+def test_in_place_of_a_calibration_process_that_was_killed_there_is_another_one(standing):
+    node = standing().node
+    node._work = Mock(submit=Mock(side_effect=BrokenExecutor))
+    assert node._submit(abs, -1).result(WAIT) == 1
 
 
 def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(standing):

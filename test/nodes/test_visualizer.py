@@ -111,7 +111,7 @@ def test_it_shows_the_next_touch(cell):
 
 
 @pytest.mark.parametrize(('created', 'said'), [
-    (None, 'give the calibration.json that calibrate writes'),
+    (None, 'there is no such file; check the path'),
     ('1970-01-01T00:00:00Z', '{folder}/calibration.json: is of another result, 1970-01-01T00:00:00Z; calibrate again'),
 ])  # fmt: skip
 def test_a_result_without_its_file_is_shown_without_residuals(cell, plain, tmp_path, created, said):
