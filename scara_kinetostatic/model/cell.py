@@ -731,8 +731,7 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
     depths = [away.min(axis=1 - k)[inside(lines[1 - k], lines[k])] for k in (0, 1) if items[1 - k].is_closed]
     if any(depth.size for depth in depths):
         return -float(np.concatenate(depths).max())
-    corners = [np.array(item.corners) for item in items if isinstance(item, Outline)]
-    return -np.inf if len(corners) == 2 and crosses(*corners) else float(away.min())
+    return -np.inf if crosses(np.array(one.corners), np.array(other.corners)) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
