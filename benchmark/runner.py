@@ -1,6 +1,7 @@
 """A robot that calibrates itself, in random simulated cells, by simulated time.
 
-    python -m benchmark.runner [--cells 50] [--first 0] [--tolerance 3e-5] [--jobs 1] [--json FILE]
+    python -m benchmark.runner [--cells 50] [--first 0] [--tolerance 3e-5] [--touches 100]
+        [--jobs 1] [--json FILE]
     python -m benchmark.runner --mujoco --urdf ur5 --cells 5 --tolerance 1e-4
 
 Cells as in `benchmark.next`; every other one has a lift. The robot's base and offsets are 3 mm and 3 mrad off, the
@@ -64,6 +65,7 @@ class Options(NamedTuple):
         mujoco: whether the physics engine is the robot.
         upright: whether gravity loads the joints.
         urdf: name of the robot; empty: a random arm.
+        most: touches after which it ends.
     """
 
     tolerance: float = 3e-5
@@ -73,6 +75,7 @@ class Options(NamedTuple):
     mujoco: bool = False
     upright: bool = False
     urdf: str = ''
+    most: int = 100
 
 
 def cell_of(seed: int, options: Options) -> tuple[Cell, Cell, ExtendedModel]:
@@ -129,7 +132,7 @@ def run(seed: int, options: Options) -> dict[str, object]:
     row: dict[str, object] = {'cell': seed, 'lift': cell.lift is not None}
     try:
         plant = Plant(cell, body_of(true, truth, options), sensors=sensors, seed=seed)
-        rehearsal = Rehearsal(cell, plant, patience=30.0)
+        rehearsal = Rehearsal(cell, plant, options.most, patience=30.0)
     except Exception as error:  # said before anything moves
         return row | {'refused': f'{type(error).__name__}: {error}'}
     runner = rehearsal.runner
@@ -237,6 +240,7 @@ def main() -> int:
     options_of.add_argument('--mujoco', action='store_true', help='the physics engine is the robot')
     options_of.add_argument('--upright', action='store_true', help='gravity loads the joints')
     options_of.add_argument('--urdf', choices=SOURCES, default='', help='the robot of a URDF, upright')
+    options_of.add_argument('--touches', type=int, default=100, help='at most')
     options_of.add_argument('--jobs', type=int, default=1)
     options = options_of.parse_args()
     if options.mujoco and options.effect:
@@ -254,6 +258,7 @@ def main() -> int:
             options.mujoco,
             options.upright,
             options.urdf,
+            options.touches,
         )
         for row in pool.map(run, seeds, [given] * len(seeds)):
             print({key: value for key, value in row.items() if key != 'z'}, flush=True)
