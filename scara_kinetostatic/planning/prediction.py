@@ -23,7 +23,7 @@ grid.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Noise, Plate
+from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, press_aside
@@ -106,22 +106,6 @@ class Robot:
     def declared(self) -> DeclaredErrors | None:
         """What the cell description declares as uncertain; None where everything counts as exactly known."""
         return DeclaredErrors.of(self.cell)
-
-    @cached_property
-    def common_plate(self) -> Plate | None:
-        """The plate that carries all discs, if its place or rotation is uncertain."""
-        names = {disc.plate for disc in self.cell.discs}
-        uncertain = [plate for plate in self.cell.plates if plate.center_std or plate.angle_std]
-        return next((plate for plate in uncertain if names == {plate.name}), None)
-
-    def on_plate(self) -> Robot:
-        """The same robot with plates that count as exactly placed.
-
-        With all discs on one plate, touches say nothing about the place of the plate in the base frame: x0, y0 and
-        theta1 move with it. What they determine is the robot in the frame of the plate, and that is this robot.
-        """
-        plates = tuple(plate._replace(center_std=0.0, angle_std=0.0) for plate in self.cell.plates)
-        return replace(self, cell=replace(self.cell, plates=plates))
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,12 @@ _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
 def number_picture(design: Design) -> Markup:
-    """Largest standard deviation of the tip over the number of touches: best, even, and the lower bound."""
+    """Largest standard deviation of the tip over the number of touches: best and even."""
     figure, (axes,) = draw.new_figure(WIDTH, 360)
     c, target = design.curve, MICRO * design.accuracy
     curves = (
         ('evenly distributed', c.evenly_distributed, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
         ('best set found', c.chosen, {'color': SERIES[0], 'marker': 'o'}),
-        ('lower bound', c.lower_bound, {'color': INK, 'ls': (0, (1, 2))}),
     )
     for label, values, look in curves:
         axes.plot(c.touches, MICRO * values, label=label, lw=1.4, **look)
@@ -75,7 +74,7 @@ def tip_picture(design: Design) -> Markup:
 
 def design_document(design: Design) -> dict[str, Any]:
     """`design.json`: SI units; None where a quantity is not determined."""
-    q, robot, declared, additional = design.requirements, design.robot, design.robot.declared, design.additional_disc
+    q, robot, declared = design.requirements, design.robot, design.robot.declared
     sources = () if declared is None else declared.prior.sources
     return {
         'schema': 'scara_kinetostatic/design/1',
@@ -86,7 +85,6 @@ def design_document(design: Design) -> dict[str, Any]:
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
             'region': list(robot.cell.region),
-            'frame': f'plate {design.plate}' if design.plate else 'base',
         },
         'robot': {
             'parameters': robot.parameters.as_dict(),
@@ -100,12 +98,6 @@ def design_document(design: Design) -> dict[str, Any]:
         },
         'recommended': _recommended(design),
         'by_number': design.curve,
-        'additional_disc': {
-            'radius': additional.radius,
-            'touches': additional.touches,
-            'without': additional.without,
-            'best': additional.place and {'center': additional.place, 'tip': additional.largest},
-        },
     }
 
 
@@ -123,7 +115,6 @@ def _recommended(design: Design) -> dict[str, Any]:
         'tip_loaded': {'largest': loaded.largest, 'rms': loaded.rms},
         'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
         'value': design.without_each.max(),
-        'lower_bound': design.least,
         'largest_leverage': p.leverage.max(),
         'leverage': p.leverage,
         'without_each_touch': design.without_each,
@@ -139,8 +130,7 @@ def _recommended(design: Design) -> dict[str, Any]:
 def requirement(design: Design) -> str:
     """The required accuracy in words."""
     load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
-    frame = f', in the frame of plate {design.plate}, whose place no touch shows' if design.plate else ''
-    return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace{frame}'
+    return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace'
 
 
 def noise_sentences(design: Design) -> list[str]:
@@ -174,24 +164,10 @@ def set_sentences(design: Design) -> list[str]:
     um = micrometres
     return [
         f'{len(design.plan)} touches give {um(design.tip_std.largest)} µm at the worst place of the workspace, and '
-        f'{um(design.without_each.max())} µm after the loss of any one touch. Lower bound for any set that survives a '
-        f'loss: {design.least}.',
+        f'{um(design.without_each.max())} µm after the loss of any one touch.',
         f'Every touch is checked by the others: largest leverage {100 * design.prediction.leverage.max():.0f} %. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',
     ]
-
-
-def disc_sentence(design: Design) -> str:
-    """The best place for one more disc."""
-    additional = design.additional_disc
-    if additional.place is None:
-        return f'There is no place for an additional disc of radius {1e3 * additional.radius:.0f} mm.'
-    x, y = additional.place
-    return (
-        f'An additional disc of radius {1e3 * additional.radius:.0f} mm is best at about '
-        f'({1e3 * x:.0f}, {1e3 * y:.0f}) mm: {micrometres(additional.largest)} µm with {additional.touches} touches '
-        f'evenly distributed, against {micrometres(additional.without)} µm on the discs of the cell.'
-    )
 
 
 def parameter_table(design: Design) -> Table:
@@ -222,7 +198,7 @@ def plan_table(design: Design) -> Table:
 def design_report(design: Design) -> Report:
     """The design for the terminal and for `design.html`."""
     number = count(len(design.plan), 'touch', 'touches')
-    curve = Figure(partial(number_picture, design), 'Dotted: lower bound for every set.')
+    curve = Figure(partial(number_picture, design), 'Of the best set found, and of touches evenly distributed.')
     return Report(
         title='Optimal design of a calibration',
         answer=Verdict(
@@ -235,7 +211,6 @@ def design_report(design: Design) -> Report:
             Section('The recommended touches', _touches(design)),
             Section('The parameters', (parameter_table(design),)),
             Section('Largest standard deviation of the tip by the number of touches', (curve,)),
-            Section('Best place for one more disc', (disc_sentence(design),)),
         ),
         footer='all numbers in full in design.json',
     )

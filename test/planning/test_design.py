@@ -105,14 +105,6 @@ def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
     assert predict(Robot.of(trusted), PLAN).std[NAMES.index('l1')] == pytest.approx(1e-9, rel=1e-3)
 
 
-def test_all_discs_on_one_plate_are_judged_in_its_frame():
-    robot = Robot.of(CELLS['plate'])
-    tip = tip_in_use(robot, 40.0)[:, :1]
-    assert tip_std(tip, predict(robot, PLAN)).largest > 1e-3
-    assert tip_std(tip, predict(robot.on_plate(), PLAN)).largest < 2e-5
-    assert Robot.of(CELL).common_plate is None
-
-
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     prediction = predict(ROBOT, default_plan(CELL, levels=(40.0,)))
     at_level, below = tip_in_use(ROBOT, 40.0), tip_in_use(ROBOT, 20.0)
