@@ -56,7 +56,7 @@ from scara_kinetostatic.planning.candidates import (
     largest_variance,
     prepare_candidates,
 )
-from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
+from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, short_order
 from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
 
@@ -336,11 +336,6 @@ class Planner:
         candidates = candidates._replace(prior=candidates.prior + self._information_made)
         return candidates.counting(self._in_doubt, 0.5) if len(self._in_doubt) else candidates
 
-    @cached_property
-    def present(self) -> float:
-        """The largest expanded uncertainty of the tip over the region that the touches made lead to, m."""
-        return self._uncertainty(self.candidates, []).planned
-
     def accurate(self, number: int) -> PlannedTouches:
         """So many touches that lower the uncertainty of the tip most, and decide about what is suspected.
 
@@ -370,7 +365,7 @@ class Planner:
         reasons = self._reasons(candidates, chosen, decided)
         own = self.approach(plan)
         ways = self.roadmap.ways(own)
-        order = shortest_order(ways.lengths)
+        order = short_order(ways.lengths)
         at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(candidates, chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 

@@ -274,12 +274,10 @@ class TipStd(NamedTuple):
     Attributes:
         largest: m.
         rms: root of the mean square, m.
-        places: at each pose of `tip_in_use` for the worst direction of the load, (g,), m.
     """
 
     largest: float
     rms: float
-    places: Floats
 
 
 def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Floats:
@@ -316,5 +314,4 @@ def tip_std(tip: Floats, prediction: Prediction) -> TipStd:
     if prediction.motions.size:
         motion = np.abs(tip @ prediction.motions).max(axis=(2, 3))
         variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
-    places = variance.max(axis=1)
-    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(variance.mean())), np.sqrt(places))
+    return TipStd(float(np.sqrt(variance.max())), float(np.sqrt(variance.mean())))

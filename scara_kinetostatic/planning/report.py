@@ -1,6 +1,6 @@
 """The optimal design as JSON, for the terminal and as a page, with its figures.
 
-These are the accuracy by the number of touches, the set, and maps of the tip.
+These are the accuracy by the number of touches, and the set.
 """
 
 from __future__ import annotations
@@ -12,24 +12,23 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from scara_kinetostatic.calibration.tip_uncertainty import region_grid
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
-from scara_kinetostatic.planning.optimal_design import Design, required
-from scara_kinetostatic.planning.prediction import tip_in_use, tip_std
+from scara_kinetostatic.planning.optimal_design import Design
+from scara_kinetostatic.planning.prediction import tip_std
 from scara_kinetostatic.report import Block, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
-from scara_kinetostatic.report.figure import INK, MICRO, PAPER, SERIES, WARN, in_mm
+from scara_kinetostatic.report.figure import MICRO, SERIES, WARN
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 
-WIDTH, HALF = 920.0, 450.0
+_WIDTH = 920.0
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
 def number_picture(design: Design) -> Markup:
     """Largest standard deviation of the tip over the number of touches: best and even."""
-    figure, (axes,) = draw.new_figure(WIDTH, 360)
+    figure, (axes,) = draw.new_figure(_WIDTH, 360)
     c, target = design.curve, MICRO * design.accuracy
     curves = (
         ('evenly distributed', c.evenly_distributed, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
@@ -47,29 +46,6 @@ def number_picture(design: Design) -> Markup:
         axis.set_major_formatter('{x:g}')
     axes.legend(frameon=False)
     return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
-
-
-def tip_picture(design: Design) -> Markup:
-    """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
-    figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
-    q, cell, columns = design.requirements, design.robot.cell, 48
-    x, y, _, possible = region_grid(design.robot.parameters, cell, columns)
-    tip = tip_in_use(design.robot, q.load, columns, 12 if q.under_load else 0)
-    values = np.full(possible.shape, np.nan)
-    values[possible] = MICRO * tip_std(required(tip, q), design.prediction).places
-    shown, largest = np.ma.masked_invalid(values), float(np.nanmax(values))
-    for panel, name, part in zip(axes, ('left', 'right'), shown, strict=True):
-        drawn = panel.pcolormesh(x, y, part, shading='nearest', cmap='viridis_r', rasterized=True)
-        drawn.set_clim(float(np.nanmin(values)), largest)
-        for disc in cell.discs:
-            draw.draw_object(panel, disc, INK, width=1.1)
-        panel.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
-        panel.set(aspect='equal', xlabel='x  [mm]', title=f'posture {name}')
-        in_mm(panel)
-        panel.grid(visible=False)
-    axes[0].set(ylabel='y  [mm]')
-    figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
-    return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
 
 
 def design_document(design: Design) -> dict[str, Any]:
@@ -145,10 +121,7 @@ def noise_sentences(design: Design) -> list[str]:
             f'{" and ".join(robot.assumed)}. Calibrate once, and state the noise that it estimates.'
         ]
     if robot.declared is None:
-        sentences.append(
-            'Half the noise halves every standard deviation, and needs a quarter of the touches for the same '
-            'accuracy. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
-        )
+        sentences.append('Discs and force sensor count as exactly known: the cell declares no uncertainty of them.')
     else:
         parts = sorted(design.contributions.items(), key=lambda item: -item[1])
         said = ', '.join(f'{kind} {um(value)} µm' for kind, value in parts if value >= 0.05 * parts[0][1])
@@ -226,7 +199,6 @@ def _touches(design: Design) -> tuple[Block, ...]:
             'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
             'it is not detected.'
         ),
-        Figure(partial(tip_picture, design), 'Predicted standard deviation of the tip after a calibration.'),
     )
 
 

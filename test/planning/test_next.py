@@ -25,7 +25,7 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import declared_rows, largest_variance
-from scara_kinetostatic.planning.motion import Edges, Space, shortest_order
+from scara_kinetostatic.planning.motion import Edges, Space, short_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
@@ -270,9 +270,9 @@ def test_distances_of_moves_from_edges():
     np.testing.assert_allclose(edges.distance(a, b), expected)
 
 
-def test_the_shortest_order_is_that_of_a_line():
+def test_the_short_order_is_that_of_a_line():
     places = np.random.default_rng(2).permutation(9).astype(float)
-    order = shortest_order(np.abs(places[:, None] - places))
+    order = short_order(np.abs(places[:, None] - places))
     assert list(places[order]) in ([*range(9)], [*range(8, -1, -1)])
 
 
