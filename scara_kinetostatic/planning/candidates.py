@@ -82,7 +82,6 @@ class CandidateTouches(NamedTuple):
         rows: indices of the parameters on which the tip depends, (k,).
         quadric: TᵀT over these at each place, flat, (k², g).
         prior: information of that prior and of the choice's, (12 + m, 12 + m).
-        values: how many of them are no declared errors.
     """
 
     plan: Plan
@@ -91,7 +90,6 @@ class CandidateTouches(NamedTuple):
     rows: NDArray[np.intp]
     quadric: Floats
     prior: Floats
-    values: int
 
     def variance(self, covariance: Floats) -> Floats:
         """Variance of the tip at each place for covariances of L̄ (…, 12, 12), (…, g), m²."""
@@ -101,10 +99,6 @@ class CandidateTouches(NamedTuple):
     def information_of(self, chosen: Sequence[int]) -> Floats:
         """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
         return self.prior + self.information[list(chosen)].sum(axis=0)
-
-    def averaged(self) -> CandidateTouches:
-        """The same with one place for all: the mean of their variances."""
-        return self._replace(quadric=self.quadric.mean(axis=1, keepdims=True))
 
     def counting(self, values: Indices, share: float, number: int = 0) -> CandidateTouches:
         """The same, of one place for all, with the variance of some values counting beside that of the tip.
@@ -184,7 +178,7 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = Fa
     information = np.einsum('nik,nil->nkl', derivative, derivative)
     prior = declared.T @ declared
     prior[:values, :values] += np.eye(values)
-    return CandidateTouches(plan, derivative, information, rows, quadric, prior, values)
+    return CandidateTouches(plan, derivative, information, rows, quadric, prior)
 
 
 def declared_rows(robot: Robot) -> tuple[Floats, Floats]:

@@ -37,7 +37,7 @@ from scara_kinetostatic.planning.candidates import (
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import Prediction, Robot, TipStd, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import Prediction, Robot, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 
 _USUAL = 36
@@ -119,9 +119,9 @@ class Design:
     least_possible: float
 
     @property
-    def tip_std(self) -> TipStd:
-        """Standard deviation of the tip of which the accuracy is required, with the recommended set."""
-        return tip_std(required(self.tip, self.requirements), self.prediction)
+    def tip_std(self) -> float:
+        """Largest standard deviation of the tip of which the accuracy is required, with the recommended set, m."""
+        return float(tip_std(required(self.tip, self.requirements), self.prediction).max())
 
     @property
     def contributions(self) -> dict[str, float]:
@@ -152,7 +152,7 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     report('candidate touches', 0.0)
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)
-    reached = tip_std(tip, very_many).largest
+    reached = float(tip_std(tip, very_many).max())
     if not np.isfinite(reached):
         remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
         if len(robot.cell.discs) > 1:
@@ -164,11 +164,12 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     candidates = prepare_candidates(robot, every, tip)
     if accuracy < lowest:
         raise _out_of_reach(robot, tip, accuracy, very_many)
-    judged = candidates.averaged().counting(np.arange(candidates.values), _SHARE_OF_PARAMETERS, _USUAL)
+    judged = prepare_candidates(robot, every, tip, mean=True)
+    judged = judged.counting(np.arange(len(robot.model.names)), _SHARE_OF_PARAMETERS, _USUAL)
     report('accuracy by the number of touches', 0.1)
     numbers = [n for n in (16, 20, 24, 30, 36, 48, 72, 108) if n <= len(every)]
     chosen = [largest_variance(candidates, choose(judged, n)) for n in numbers]
-    even = [tip_std(tip, predict(robot, every, n)).largest for n in numbers]
+    even = [tip_std(tip, predict(robot, every, n)).max() for n in numbers]
     curve = Curve(np.array(numbers), np.sqrt(chosen), np.array(even))
     too_few = curve.touches[curve.chosen > accuracy].max(initial=FEWEST_TOUCHES)
     plan = _smallest_set(robot, tip, accuracy, judged, int(too_few), very_many.rank, report)
@@ -188,7 +189,7 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
 
 def _out_of_reach(robot: Robot, tip: Floats, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
-    lowest = tip_std(tip, very_many).largest
+    lowest = float(tip_std(tip, very_many).max())
     kind, part = max(very_many.contributions(tip).items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if robot.cell.tolerance == 2 * accuracy else ''

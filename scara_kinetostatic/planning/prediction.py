@@ -268,18 +268,6 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 
 
-class TipStd(NamedTuple):
-    """The standard deviation of the tip over the workspace; infinite where it is not determined.
-
-    Attributes:
-        largest: m.
-        rms: root of the mean square, m.
-    """
-
-    largest: float
-    rms: float
-
-
 def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Floats:
     """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
 
@@ -308,10 +296,18 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
     return derivative.reshape(-1, len(forces), *derivative.shape[1:])
 
 
-def tip_std(tip: Floats, prediction: Prediction) -> TipStd:
-    """The tip's standard deviation from a predicted covariance of L̄; `tip` as of `tip_in_use`, or some of its loads."""
+def tip_std(tip: Floats, prediction: Prediction) -> Floats:
+    """The tip's standard deviation from a predicted covariance of L̄, infinite where it is not determined.
+
+    Args:
+        tip: as of `tip_in_use`, or some of its loads.
+        prediction: with the covariance.
+
+    Returns:
+        Of each pose and load, (g, d), m.
+    """
     variance = np.einsum('gdik,kl,gdil->gd', tip, prediction.covariance, tip, optimize=True)
     if prediction.motions.size:
         motion = np.abs(tip @ prediction.motions).max(axis=(2, 3))
         variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
-    return TipStd(float(np.sqrt(variance.max())), float(np.sqrt(variance.mean())))
+    return np.asarray(np.sqrt(variance))

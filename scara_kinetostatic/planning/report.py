@@ -37,7 +37,7 @@ def number_picture(design: Design) -> Markup:
     for label, values, look in curves:
         axes.plot(c.touches, MICRO * values, label=label, lw=1.4, **look)
     axes.axhline(target, color=WARN, lw=1.0, label='required')
-    best = (len(design.plan), MICRO * design.tip_std.largest)
+    best = (len(design.plan), MICRO * design.tip_std)
     axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
@@ -87,8 +87,8 @@ def _recommended(design: Design) -> dict[str, Any]:
         'rank': p.rank,
         'confounded': p.confounded,
         'condition': p.condition,
-        'tip_free': {'largest': free.largest, 'rms': free.rms},
-        'tip_loaded': {'largest': loaded.largest, 'rms': loaded.rms},
+        'tip_free': {'largest': free.max(), 'rms': np.sqrt(np.mean(free**2))},
+        'tip_loaded': {'largest': loaded.max(), 'rms': np.sqrt(np.mean(loaded**2))},
         'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
         'value': design.without_each.max(),
         'largest_leverage': p.leverage.max(),
@@ -136,7 +136,7 @@ def set_sentences(design: Design) -> list[str]:
     """Accuracy and checks of the recommended set, one sentence each."""
     um = micrometres
     return [
-        f'{len(design.plan)} touches give {um(design.tip_std.largest)} µm at the worst place of the workspace, and '
+        f'{len(design.plan)} touches give {um(design.tip_std)} µm at the worst place of the workspace, and '
         f'{um(design.without_each.max())} µm after the loss of any one touch.',
         f'Every touch is checked by the others: largest leverage {100 * design.prediction.leverage.max():.0f} %. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',

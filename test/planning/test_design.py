@@ -83,7 +83,7 @@ def test_prediction_is_what_the_calibration_states(name, frame):
     np.testing.assert_allclose(prediction.std, found.std, rtol=0.03)
     tip = tip_in_use(ROBOT, 40.0)[:, :1]
     parts = prediction.contributions(tip)
-    assert np.linalg.norm([*parts.values()]) == pytest.approx(tip_std(tip, prediction).largest)
+    assert np.linalg.norm([*parts.values()]) == pytest.approx(tip_std(tip, prediction).max())
     assert (parts['noise'] > 0) and (set(parts) == {'noise'}) == (name == 'exact')
 
 
@@ -112,9 +112,9 @@ def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     assert prediction.confounded == (('p_ee', 'g_ee'),)
     assert np.isnan(prediction.std[[NAMES.index('p_ee'), NAMES.index('g_ee')]]).all()
     assert np.isfinite(np.delete(prediction.std, [6, 9])).all()
-    assert tip_std(at_level[:, :1], prediction).largest < 1e-5
-    assert np.isfinite(tip_std(at_level, prediction).largest)
-    assert np.isinf(tip_std(below, prediction).largest)
+    assert tip_std(at_level[:, :1], prediction).max() < 1e-5
+    assert np.isfinite(tip_std(at_level, prediction).max())
+    assert np.isinf(tip_std(below, prediction).max())
 
 
 def test_one_disc_leaves_the_robot_free_to_turn_about_it():
@@ -122,7 +122,7 @@ def test_one_disc_leaves_the_robot_free_to_turn_about_it():
     robot = Robot.of(cell)
     prediction = predict(robot, default_plan(cell))
     assert prediction.rank == 11
-    assert np.isinf(tip_std(tip_in_use(robot, 40.0)[:, :1], prediction).largest)
+    assert np.isinf(tip_std(tip_in_use(robot, 40.0)[:, :1], prediction).max())
     with pytest.raises(UnsupportedDataError, match='second disc'):
         optimal_design(robot, Requirements(per_disc=12))
 
@@ -142,7 +142,7 @@ def test_the_tip_keeps_to_region_and_limits_and_refuses_none():
     limited, region = replace(CELL, limits=((-0.5, 2.0), (0.0, 2.2))), Region(0.0, 0.3, 0.2, 0.5)
     for cell in (limited, replace(CELL, region=region)):
         tip = tip_in_use(replace(ROBOT, cell=cell), 30.0)
-        assert tip_std(tip, prediction).largest < tip_std(everywhere, prediction).largest
+        assert tip_std(tip, prediction).max() < tip_std(everywhere, prediction).max()
     assert len(tip_in_use(replace(ROBOT, cell=limited), 30.0)) < 0.5 * len(everywhere)
     for wrong, text in (
         ({'region': Region(2.0, 3.0, 2.0, 3.0)}, 'within reach'),
