@@ -33,12 +33,7 @@ from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
-from scara_kinetostatic.calibration.identifiability import (
-    condition_number,
-    group_names,
-    scales_of,
-    unidentifiable_directions,
-)
+from scara_kinetostatic.calibration.identifiability import group_names, scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
 from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid
@@ -118,7 +113,6 @@ class Prediction:
         std: standard deviations, (12,), SI units; NaN where confounded.
         motions: directions of L̄ that the touches do not determine, (12, d), SI units, of plausible size.
         confounded: groups of parameters of which only combinations are determined, by name.
-        condition: condition number of the whitened Jacobian with unit columns, over the identifiable directions.
         leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
             it, and an error in it is not detected.
         together: of L̄ and what the cell declares as uncertain, (12 + m, 12 + m).
@@ -129,7 +123,6 @@ class Prediction:
     std: Floats
     motions: Floats
     confounded: tuple[tuple[str, ...], ...]
-    condition: float
     leverage: Floats
     together: Floats
     declared: DeclaredErrors | None
@@ -237,7 +230,6 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         std=std,
         motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
-        condition=condition_number(root * (w.derivative @ subspace.basis)),
         leverage=np.linalg.eigvalsh(hat)[:, -1],
         together=covariance,
         declared=robot.declared,

@@ -16,13 +16,19 @@ from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import tip_std
-from scara_kinetostatic.report import Block, Figure, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import MICRO, SERIES, WARN
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 
 _WIDTH = 920.0
+_ABOUT_TOUCHES = (
+    'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
+    'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
+    'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
+    'it is not detected.'
+)
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
@@ -86,7 +92,6 @@ def _recommended(design: Design) -> dict[str, Any]:
         'touches': p.touches,
         'rank': p.rank,
         'confounded': p.confounded,
-        'condition': p.condition,
         'tip_free': {'largest': free.max(), 'rms': np.sqrt(np.mean(free**2))},
         'tip_loaded': {'largest': loaded.max(), 'rms': np.sqrt(np.mean(loaded**2))},
         'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
@@ -101,12 +106,6 @@ def _recommended(design: Design) -> dict[str, Any]:
             for disc, angle, posture, force in touches
         ],
     }
-
-
-def requirement(design: Design) -> str:
-    """The required accuracy in words."""
-    load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
-    return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace'
 
 
 def noise_sentences(design: Design) -> list[str]:
@@ -170,35 +169,23 @@ def plan_table(design: Design) -> Table:
 
 def design_report(design: Design) -> Report:
     """The design for the terminal and for `design.html`."""
-    number = count(len(design.plan), 'touch', 'touches')
+    number, accuracy = count(len(design.plan), 'touch', 'touches'), f'{micrometres(design.accuracy)} µm'
+    load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
     curve = Figure(partial(number_picture, design), 'Of the best set found, and of touches evenly distributed.')
     return Report(
         title='Optimal design of a calibration',
         answer=Verdict(
-            f'{number} reach {micrometres(design.accuracy)} µm and check themselves',
+            f'{number} reach {accuracy} and check themselves',
             'caution' if design.robot.assumed else 'good',
             (*noise_sentences(design), *set_sentences(design)),
         ),
-        source=f'Required: {requirement(design)}.',
+        source=f'Required: standard deviation of the tip ({load}) at most {accuracy} over the workspace.',
         blocks=(
-            Section('The recommended touches', _touches(design)),
+            Section('The recommended touches', (plan_table(design), Note(_ABOUT_TOUCHES))),
             Section('The parameters', (parameter_table(design),)),
             Section('Largest standard deviation of the tip by the number of touches', (curve,)),
         ),
         footer='all numbers in full in design.json',
-    )
-
-
-def _touches(design: Design) -> tuple[Block, ...]:
-    """The recommended touches, as pictures and as a table."""
-    return (
-        plan_table(design),
-        Note(
-            'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
-            'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
-            'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
-            'it is not detected.'
-        ),
     )
 
 

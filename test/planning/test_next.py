@@ -23,7 +23,7 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import declared_rows, largest_variance
-from scara_kinetostatic.planning.motion import Edges, Space, short_order
+from scara_kinetostatic.planning.motion import Edges, short_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
@@ -324,12 +324,6 @@ def test_joints_that_turn_farther_are_planned_in_one_turn_about_the_middle():
             'joint1 stands beyond robot.limits, less than 0.02 rad within, or more than half a turn from their middle: '
             'move it',
         )
-
-
-def test_limits_are_needed_and_kept_with_a_margin():
-    with pytest.raises(CellError, match=r'robot\.limits: the limits of the joints are missing'):
-        _ = Space(PAPER_CELL, PAPER_NOMINAL, 0.012).limits
-    assert planner_of(CELL).space.limits[0] == pytest.approx(-2.6 + LIMIT_MARGIN)
 
 
 @pytest.fixture
