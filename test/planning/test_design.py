@@ -95,15 +95,6 @@ def test_touches_count_and_check_each_other():
     assert once.leverage.sum() <= 12 + 1e-9
 
 
-def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
-    tiny = replace(CELL, discs=tuple(disc._replace(center_std=1e-12, radius_std=1e-12) for disc in PAPER_DISCS))
-    expected, got = predict(ROBOT, PLAN), predict(Robot.of(tiny, PAPER_ACTUAL), PLAN)
-    np.testing.assert_allclose(got.covariance, expected.covariance, rtol=1e-5, atol=1e-20)
-    np.testing.assert_allclose(got.leverage, expected.leverage, rtol=1e-5)
-    trusted = replace(CELL, uncertainty=Uncertainty(nominal={'l1': 1e-9}))
-    assert predict(Robot.of(trusted), PLAN).std[NAMES.index('l1')] == pytest.approx(1e-9, rel=1e-3)
-
-
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     prediction = predict(ROBOT, default_plan(CELL, levels=(40.0,)))
     at_level, below = tip_in_use(ROBOT, 40.0), tip_in_use(ROBOT, 20.0)

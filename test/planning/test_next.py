@@ -174,15 +174,6 @@ def test_the_mean_variance_is_that_of_the_tip_over_the_region(planner):
     assert largest_variance(planner.candidates, chosen) == pytest.approx(float(variance.mean()))
 
 
-def test_touches_made_count(planner):
-    first = planner.accurate(12)
-    touches = simulate_touches(CELL, PAPER_ACTUAL, first.plan, seed=1)
-    later = Planner(planner.arm, touches=touches)
-    assert later.accurate(6).uncertainty.planned < first.uncertainty.planned
-    made = places_of(planner, first.plan)
-    assert largest_variance(later.candidates, []) < 1.5 * largest_variance(planner.candidates, made)
-
-
 def test_touches_are_not_expected_to_lower_undetected_effects():
     outcome = calibrate_touches(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 8), seed=1), CELL)
     found = Planner.of_outcome(outcome).accurate(4).uncertainty
