@@ -82,7 +82,6 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
     design = optimal_design(Robot.of(CELL))
     yield 'number_of_touches', design_pictures.number_picture(design)
-    yield 'tip', design_pictures.tip_picture(design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
     gripper = analyse_runs(simulate_experiments())[0]['gripper']
     yield 'gripper_backlash', map_picture(gripper, 'gap', 'gap')

@@ -65,7 +65,7 @@ def calibrate_files(
         parse_fixed(text, fixed_option)
     entries = parse_left_out(left_out, left_out_option)
     paths = list(map(Path, kept_recordings(recordings, entries)))
-    entries = tuple(entry for entry in entries if entry.numbers is not None)
+    entries = tuple(entry for entry in entries if isinstance(entry, range))
     cell = load_cell(cell_file) if cell_file else recorded_cell(paths, cell_option)
     values = fixed_values(fixed, cell.nominal, fixed_option)
     try:
@@ -104,7 +104,7 @@ def calibrate_recordings(
     paths = kept_recordings(paths, left_out)
     tables = [path for path in paths if is_touch_table(path)]
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
-    detection = leave_out(gather_touches(paths, cell, progress), paths, left_out)
+    detection = leave_out(gather_touches(paths, cell, progress), left_out)
     if len(detection.held) < FEWEST_TOUCHES:
         _check_units([path for path in paths if path not in tables], cell)
     sources = zip(paths, detection.starts, detection.turned, strict=True)

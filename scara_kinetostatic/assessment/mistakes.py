@@ -215,8 +215,8 @@ def check_touches(
         return Check(cell)
     if (unit := wrong_unit(touches.joints, float(np.median(force)))) is not None:
         return Check(cell, unit)
-    which = np.unique(np.linspace(0, n - 1, min(n, _Limits.touches)).round().astype(np.intp))
-    reading = _reading(touches.select(which), cell, fixed or {})
+    which = _spread(n)
+    reading = _reading(touches.joints[which], touches.force[which], cell, fixed or {})
     stated = _fit(reading)
     check = Check(cell, None, stated.misfit, float(stated.parameters[G_EE]))
     if stated.misfit <= _Limits.gross:
@@ -226,6 +226,24 @@ def check_touches(
         tried += _coupled(reading, cell, origin)
     found = _named(stated, tried)
     return check._replace(found=found, unexplained=None if found else (reading, stated))
+
+
+def _spread(count: int) -> Indices:
+    """Which of so many touches are fitted."""
+    return np.unique(np.linspace(0, count - 1, min(count, _Limits.touches)).round().astype(np.intp))
+
+
+def coarse_parameters(joints: Floats, force: Floats, cell: Cell) -> Parameters:
+    """The base model fitted coarsely and robustly to touches of objects, some of which nobody may know.
+
+    Args:
+        joints: Q, (n, 2), rad.
+        force: F on the object in the frame of the sensor, (n, 2), N.
+        cell: the cell.
+    """
+    which = _spread(len(joints))
+    fitted = _fit(_reading(joints[which], force[which], cell, {})).parameters
+    return cell.nominal.replace(**dict(zip(NAMES, fitted.tolist(), strict=False)))
 
 
 def wrong_unit(joints: Floats, force: float) -> Mistake | None:
@@ -305,12 +323,12 @@ class _Agreement(NamedTuple):
     misfit: float
 
 
-def _reading(touches: TouchSet, cell: Cell, fixed: Mapping[str, float]) -> _Reading:
+def _reading(joints: Floats, force: Floats, cell: Cell, fixed: Mapping[str, float]) -> _Reading:
     fixed = {name: value for name, value in fixed.items() if name in NAMES}
     free = np.array([*(float(name not in fixed) for name in NAMES), 0.0])
     nominal = np.append(cell.nominal.replace(**fixed).as_array()[: len(NAMES)], 0.0)
     tool = cell.sensor.frame is SensorFrame.TOOL
-    return _Reading(touches.joints, touches.force, tool, cell.surfaces, nominal, free)
+    return _Reading(joints, force, tool, cell.surfaces, nominal, free)
 
 
 @np.errstate(all='ignore')

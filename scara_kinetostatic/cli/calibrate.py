@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_bytes(parser)
     add_results(parser, 'calibration', json=False)
     fix = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
-    leave_out = 'leave out touches (5, 10-14, or NAME:5 of one recording), or a whole recording (NAME); repeatable'
+    leave_out = 'leave out touches (5, 10-14), by their numbers in the result, or a recording (NAME); repeatable'
     add_options(
         parser,
         ('--fix', 'NAME[=VALUE]', str, fix, SEVERAL),

@@ -3,9 +3,9 @@
 Predicts the uncertainty of a calibration before any touch is made: the standard
 deviation of every parameter, and of the tip over the workspace. Recommends the
 smallest set of touches that reaches an accuracy and checks itself: every disc is
-touched, no touch counts on itself alone, and any one may fail. Finds the best
-place for one more disc. The set is written as a plan for `simulate --plan` and
-for the simulated cell. What the cell description declares as uncertain counts.
+touched, no touch counts on itself alone, and any one may fail. The set is written
+as a plan for `simulate --plan` and for the simulated cell. What the cell
+description declares as uncertain counts.
 
 Example:
   scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design

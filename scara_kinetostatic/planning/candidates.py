@@ -18,11 +18,9 @@ candidates by a few matrix products. The touch of the largest gain is added, one
 (Fedorov) until that gains nothing. The next touches have those made in the information that they start from; a whole
 plan starts from nothing.
 
-**Weights.** The next touches have the mean over the region (`next_touches`). A plan is for the largest variance, which
-is no linear criterion. But for the approximate design (below) it is the mean with the least favourable weights, those
-that make the bound tight. A set of few touches is better all over the workspace, and checks itself sooner, with the
-mean of these weights and of equal ones. Where values count beside the tip, as parameters of which it is independent or
-effects that are suspected, L has their places on its diagonal, too (`CandidateTouches.counting`).
+**What counts** is the mean over the region; so it is for a plan, although that is for the largest variance, which is
+no linear criterion. Where values count beside the tip, as parameters of which it is independent or effects that are
+suspected, L has their places on its diagonal, too (`CandidateTouches.counting`).
 
 What a set of touches has to have so that it checks itself: small leverages, and touches on every disc.
 
@@ -46,23 +44,8 @@ predicted force has the covariance B⁻¹ (I + J C' Jᵀ) B⁻ᵀ; in a fit with
 B⁻¹ (I - J C Jᵀ) B⁻ᵀ. As in the assessment, a fifth of the touches is left out at a time, and the error is compared with
 that of the fit, or the noise of the force where that is larger. Averaged over random divisions of the touches.
 
-**Lower bound**, from the theory of optimal approximate designs. Such a design distributes the touches over the
-candidates by weights ξ, fractions and repetitions allowed: the information of N touches is N Σ ξ_i I_i + P, with P the
-prior of the errors that the cell declares; P = 0 where it declares none. No real set of N touches is better than the
-best approximate design. Its largest variance of the tip is bounded from below: for any weights λ of the places and any
-symmetric C, the Cauchy–Schwarz inequality gives for every design ξ', with covariance C' = (N Σ ξ'_i I_i + P)⁻¹,
-
-    tr(L C') ≥ tr(L C)² / tr(C L C C'⁻¹) ≥ tr(L C)² / (N max_i tr(C L C I_i) + tr(C L C P)),
-
-and the largest variance is no less than the mean weighted by λ. So N touches reach a variance v only if
-N ≥ (tr(L C)²/v - tr(C L C P)) / max_i tr(C L C I_i). ξ, C = (N Σ ξ_i I_i + P)⁻¹ and λ that make the bound tight are
-found by multiplicative iterations; every iteration leaves a bound, and the best one counts. With P = 0 the iterations
-do not depend on N; else they are made for the number of touches that the accuracy takes, as far as it can be reached,
-and the bound is less tight, but still valid, for other numbers.
-
-Sources: Kiefer, Annals of Statistics 2 (1974) 849; Silvey, Titterington and Torsney, Communications in
-Statistics A 7 (1978) 1379, for the iteration; Fedorov, Theory of Optimal Experiments (1972), chapter 3; Atkinson, Donev
-and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-optimality) and 21 (compound criteria).
+Sources: Fedorov, Theory of Optimal Experiments (1972), chapter 3; Atkinson, Donev and Tobias, Optimum Experimental
+Designs, with SAS (2007), chapters 10 (V- or I-optimality) and 21 (compound criteria).
 """
 
 from __future__ import annotations
@@ -98,9 +81,7 @@ class CandidateTouches(NamedTuple):
         information: JᵀJ of each, (n, 12 + m, 12 + m).
         rows: indices of the parameters on which the tip depends, (k,).
         quadric: TᵀT over these at each place, flat, (k², g).
-        declared: rows of the prior of what the cell declares as uncertain, (p, 12 + m).
         prior: information of that prior and of the choice's, (12 + m, 12 + m).
-        values: how many of them are no declared errors.
     """
 
     plan: Plan
@@ -108,27 +89,16 @@ class CandidateTouches(NamedTuple):
     information: Floats
     rows: NDArray[np.intp]
     quadric: Floats
-    declared: Floats
     prior: Floats
-    values: int
 
     def variance(self, covariance: Floats) -> Floats:
         """Variance of the tip at each place for covariances of L̄ (…, 12, 12), (…, g), m²."""
         own = covariance[..., self.rows[:, None], self.rows]
         return np.asarray(own.reshape(*own.shape[:-2], -1) @ self.quadric)
 
-    def evenly_distributed(self, number: float) -> float:
-        """Largest standard deviation of the tip for a number of touches evenly distributed over all candidates, m."""
-        covariance = _inverse(number * self.information.mean(axis=0) + self.prior)
-        return float(np.sqrt(self.variance(covariance).max()))
-
     def information_of(self, chosen: Sequence[int]) -> Floats:
         """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
         return self.prior + self.information[list(chosen)].sum(axis=0)
-
-    def weighted(self, weights: Floats) -> CandidateTouches:
-        """The same with one place for all: the mean of their variances by weights, (g,)."""
-        return self._replace(quadric=self.quadric @ weights[:, None])
 
     def counting(self, values: Indices, share: float, number: int = 0) -> CandidateTouches:
         """The same, of one place for all, with the variance of some values counting beside that of the tip.
@@ -208,7 +178,7 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = Fa
     information = np.einsum('nik,nil->nkl', derivative, derivative)
     prior = declared.T @ declared
     prior[:values, :values] += np.eye(values)
-    return CandidateTouches(plan, derivative, information, rows, quadric, declared, prior, values)
+    return CandidateTouches(plan, derivative, information, rows, quadric, prior)
 
 
 def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
@@ -271,68 +241,6 @@ MOST_TOUCHES = 200
 """Largest set that is searched for."""
 FEWEST_TOUCHES = 7
 """Smallest number of touches with which the calibration estimates twelve parameters: two equations each."""
-
-
-class LowerBound(NamedTuple):
-    """Bounds of the largest variance of the tip for all designs.
-
-    Attributes:
-        mean: tr(L C) of each iteration, (s,), m².
-        gain: max_i tr(C L C I_i), (s,), m².
-        prior: tr(C L C P), (s,), m²; 0 without declared uncertainties.
-        places: least favourable weights of the places, λ, (g,).
-    """
-
-    mean: Floats
-    gain: Floats
-    prior: Floats
-    places: Floats
-
-    def variance(self, number: float) -> float:
-        """The largest variance of the tip with this many touches is at least this, m²."""
-        return float((self.mean**2 / (number * self.gain + self.prior)).max())
-
-    def number(self, target: float) -> int:
-        """Number of touches below which no set reaches a largest standard deviation of the tip of `target`, m."""
-        needed = float(((self.mean**2 / target**2 - self.prior) / self.gain).max())
-        return max(0, int(np.ceil(needed - 1e-9)))
-
-
-def find_lower_bound(candidates: CandidateTouches, target: float, iterations: int = 400) -> LowerBound:
-    """Bounds the largest variance of the tip.
-
-    Args:
-        candidates: the candidates and the tip.
-        target: largest standard deviation of the tip for which the bound is to be tight, m.
-        iterations: more make the bound tighter; it is valid after any number.
-    """
-    number = 1.0
-    if len(candidates.declared):  # evenly distributed, they reach the target, as far as it can be reached
-        numbers = np.geomspace(FEWEST_TOUCHES, MOST_TOUCHES, 24).tolist()
-        number = next((n for n in numbers if candidates.evenly_distributed(n) <= target), numbers[-1])
-    declared = candidates.declared.T @ candidates.declared
-    regular = declared.copy()
-    regular[: candidates.values, : candidates.values] += 1e-6 * np.eye(candidates.values)  # where the rank is less
-    design = np.full(len(candidates.plan), 1 / len(candidates.plan))  # ξ
-    places = np.full(candidates.quadric.shape[1], 1 / candidates.quadric.shape[1])  # λ
-    bounds = []
-    for step in range(iterations):
-        information = number * np.tensordot(design, candidates.information, axes=1) + regular
-        covariance = _inverse(information)
-        variance = candidates.variance(covariance)
-        squares = (candidates.quadric @ places).reshape(len(candidates.rows), -1)
-        through = candidates.derivative @ covariance[:, candidates.rows]
-        gain = np.einsum('nik,kl,nil->n', through, squares, through, optimize=True)
-        known = candidates.declared @ covariance[:, candidates.rows]
-        by_prior = float(np.einsum('pk,kl,pl->', known, squares, known))
-        mean, largest = float(places @ variance), float(variance.max())
-        bounds.append((mean, float(gain.max()), by_prior))
-        design = design * np.sqrt(np.maximum(gain, 0.0))  # less is rounding
-        design /= design.sum()
-        places = places * np.exp(6.0 / np.sqrt(step + 1) * (variance / largest - 1))
-        places /= places.sum()
-    mean_of_each, gain_of_each, prior_of_each = np.array(bounds).T
-    return LowerBound(mean_of_each, gain_of_each, prior_of_each, places)
 
 
 def largest_variance(candidates: CandidateTouches, chosen: Sequence[int]) -> float:

@@ -347,30 +347,17 @@ def _around(places: Floats, radius: Floats) -> Floats:
     return np.asarray((places[:, None] + out * np.stack([np.cos(turns), np.sin(turns)], axis=-1)).reshape(-1, 2))
 
 
-def shortest_order(lengths: Floats) -> list[int]:
-    """An order of n stops with a short way: from each to the nearest, then improved by reversing parts (2-opt).
+def short_order(lengths: Floats) -> list[int]:
+    """An order of n stops with a short way: from each to the nearest, by the best of all beginnings.
 
     Args:
         lengths: between the stops, (n, n).
     """
-    n = len(lengths)
-    candidates = []
-    for start in range(n):
-        order, left = [start], set(range(n)) - {start}
+    found = []
+    for start in range(len(lengths)):
+        order, left = [start], set(range(len(lengths))) - {start}
         while left:
             order.append(min(left, key=lambda k: float(lengths[order[-1], k])))
             left.remove(order[-1])
-        candidates.append(order)
-    best = min(candidates, key=lambda order: float(lengths[order[:-1], order[1:]].sum()))
-    padded = np.pad(lengths, (0, 1))  # the stop n: no way leads to it or from it
-    improved = True
-    while improved:
-        improved = False
-        for i in range(n - 1):
-            for j in range(i + 1, n):
-                before, after = best[i - 1] if i else n, best[j + 1] if j + 1 < n else n
-                a, b = best[i], best[j]
-                if padded[before, b] + padded[a, after] < padded[before, a] + padded[b, after] - 1e-9:
-                    best[i : j + 1] = best[i : j + 1][::-1]
-                    improved = True
-    return best
+        found.append(order)
+    return min(found, key=lambda order: float(lengths[order[:-1], order[1:]].sum()))

@@ -1,29 +1,24 @@
 """Optimal design of a calibration for one cell, the design question of section 5.1.
 
-`optimal_design` gives the smallest set of touches that reaches an accuracy of the tip and checks itself, with the lower
-bound of their number; the accuracy by the number of touches; and the best place for one more disc.
+`optimal_design` gives the smallest set of touches that reaches an accuracy of the tip and checks itself, and the
+accuracy by the number of touches.
 
 **Declared uncertainties.** However many touches are made, an error that is an alias of parameters stays as large as it
 was declared: with one error of all radii, say, g_ee is never known better. Other errors, such as those of the places of
 the discs, could be reduced, but only by very many touches. So the standard deviation of the tip soon hardly depends on
-the number of touches, and what is left with the largest number that a design considers is the limit. With all discs on
-one plate, no touch shows where it is: such a design is for the frame of the plate.
+the number of touches, and what is left with the largest number that a design considers is the limit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.planning.candidates import (
     FEWEST_TOUCHES,
@@ -34,21 +29,19 @@ from scara_kinetostatic.planning.candidates import (
     PRELOAD,
     TOUCHES_PER_DISC,
     CandidateTouches,
-    LowerBound,
     candidate_plan,
     checked,
     choose,
-    find_lower_bound,
     held_out_ratio,
     largest_variance,
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import Prediction, Robot, TipStd, predict, tip_in_use, tip_std
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan, reach
+from scara_kinetostatic.planning.prediction import Prediction, Robot, predict, tip_in_use, tip_std
+from scara_kinetostatic.simulation.plan import Plan
 
-COMPARED = 36
-"""Number of touches for which the places of one more disc are compared."""
+_USUAL = 36
+"""Number of touches by whose uncertainties the parameters are weighted in the criterion."""
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
 _SHARE_OF_PARAMETERS = 0.1
@@ -88,31 +81,11 @@ class Curve(NamedTuple):
         touches: their number.
         chosen: the best set found.
         evenly_distributed: touches evenly distributed.
-        lower_bound: for any set.
     """
 
     touches: Indices
     chosen: Floats
     evenly_distributed: Floats
-    lower_bound: Floats
-
-
-class AdditionalDisc(NamedTuple):
-    """Accuracy with one additional disc.
-
-    Attributes:
-        radius: of the disc, m.
-        touches: their number, evenly distributed over all discs.
-        without: largest standard deviation of the tip for the same number of touches on the discs of the cell, m.
-        place: the best place of its centre, (x, y), m; None where there is none.
-        largest: largest standard deviation of the tip with the disc there, m; infinite where there is no place.
-    """
-
-    radius: float
-    touches: int
-    without: float
-    place: tuple[float, float] | None
-    largest: float
 
 
 @dataclass(frozen=True)
@@ -120,7 +93,7 @@ class Design:
     """The result.
 
     Attributes:
-        robot: the robot with its cell; with all discs on one plate, in the frame of that plate.
+        robot: the robot with its cell.
         requirements: of the design.
         tip: the free tip over the workspace and that under load, as of `tip_in_use`.
         accuracy: largest standard deviation of the tip that counts as required, m.
@@ -129,10 +102,7 @@ class Design:
         prediction: for them.
         without_each: largest standard deviation of the tip without each of them, (n,), m.
         held_out: force error on touches that a fit has not seen, in that of the fit.
-        least: lower bound of the number of touches.
         curve: accuracy by the number of touches.
-        additional_disc: accuracy with one additional disc.
-        plate: name of the plate in whose frame the tip is, because it carries all discs; empty for the base frame.
         least_possible: largest standard deviation of the tip that very many touches leave, m; 0 where the cell
             declares no uncertainties.
     """
@@ -145,16 +115,13 @@ class Design:
     prediction: Prediction
     without_each: Floats
     held_out: float
-    least: int
     curve: Curve
-    additional_disc: AdditionalDisc
-    plate: str
     least_possible: float
 
     @property
-    def tip_std(self) -> TipStd:
-        """Standard deviation of the tip of which the accuracy is required, with the recommended set."""
-        return tip_std(required(self.tip, self.requirements), self.prediction)
+    def tip_std(self) -> float:
+        """Largest standard deviation of the tip of which the accuracy is required, with the recommended set, m."""
+        return float(tip_std(required(self.tip, self.requirements), self.prediction).max())
 
     @property
     def contributions(self) -> dict[str, float]:
@@ -180,14 +147,12 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         UnsupportedDataError: the accuracy is out of reach, or the touches do not determine the tip.
     """
     q, report = requirements or Requirements(), report or (lambda *_: None)
-    plate = robot.common_plate
-    robot = robot.on_plate() if plate else robot
     of_all = tip_in_use(robot, q.load)
     tip = required(of_all, q)
     report('candidate touches', 0.0)
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)
-    reached = tip_std(tip, very_many).largest
+    reached = float(tip_std(tip, very_many).max())
     if not np.isfinite(reached):
         remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
         if len(robot.cell.discs) > 1:
@@ -197,19 +162,17 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     tolerance = robot.cell.tolerance
     accuracy = q.accuracy or (tolerance / 2 if tolerance else max(1e-5, _ABOVE_LIMIT * lowest))
     candidates = prepare_candidates(robot, every, tip)
-    bound = find_lower_bound(candidates, accuracy)
-    if robot.declared and bound.variance(MOST_TOUCHES) > accuracy**2:
+    if accuracy < lowest:
         raise _out_of_reach(robot, tip, accuracy, very_many)
-    weighted = candidates.weighted((bound.places + 1 / len(bound.places)) / 2)
-    judged = weighted.counting(np.arange(candidates.values), _SHARE_OF_PARAMETERS, COMPARED)
-    plan = _smallest_set(robot, tip, accuracy, judged, bound, very_many.rank, report)
-    report('accuracy by the number of touches', 0.6)
+    judged = prepare_candidates(robot, every, tip, mean=True)
+    judged = judged.counting(np.arange(len(robot.model.names)), _SHARE_OF_PARAMETERS, _USUAL)
+    report('accuracy by the number of touches', 0.1)
     numbers = [n for n in (16, 20, 24, 30, 36, 48, 72, 108) if n <= len(every)]
     chosen = [largest_variance(candidates, choose(judged, n)) for n in numbers]
-    even = [tip_std(tip, predict(robot, every, n)).largest for n in numbers]
-    least = [bound.variance(n) for n in numbers]
-    curve = Curve(np.array(numbers), np.sqrt(chosen), np.array(even), np.sqrt(least))
-    report('one more disc', 0.8)
+    even = [tip_std(tip, predict(robot, every, n)).max() for n in numbers]
+    curve = Curve(np.array(numbers), np.sqrt(chosen), np.array(even))
+    too_few = curve.touches[curve.chosen > accuracy].max(initial=FEWEST_TOUCHES)
+    plan = _smallest_set(robot, tip, accuracy, judged, int(too_few), very_many.rank, report)
     return Design(
         robot=robot,
         requirements=q,
@@ -219,17 +182,14 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         prediction=predict(robot, plan),
         without_each=without_each(robot, plan, tip),
         held_out=held_out_ratio(robot, plan),
-        least=max(FEWEST_TOUCHES, bound.number(accuracy)) + 1,
         curve=curve,
-        additional_disc=_additional_disc(robot, q, tip),
-        plate=plate.name if plate else '',
         least_possible=lowest,
     )
 
 
 def _out_of_reach(robot: Robot, tip: Floats, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
-    lowest = tip_std(tip, very_many).largest
+    lowest = float(tip_std(tip, very_many).max())
     kind, part = max(very_many.contributions(tip).items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if robot.cell.tolerance == 2 * accuracy else ''
@@ -242,24 +202,16 @@ def _out_of_reach(robot: Robot, tip: Floats, accuracy: float, very_many: Predict
 
 
 def _smallest_set(
-    robot: Robot,
-    tip: Floats,
-    accuracy: float,
-    candidates: CandidateTouches,
-    bound: LowerBound,
-    rank: int,
-    report: Progress,
+    robot: Robot, tip: Floats, accuracy: float, candidates: CandidateTouches, too_few: int, rank: int, report: Progress
 ) -> Plan:
     """The smallest set found that checks itself and keeps the accuracy.
 
     Raises:
         UnsupportedDataError: the accuracy is out of reach.
     """
-    best = None
-    needed, most = bound.number(accuracy), min(MOST_TOUCHES, len(candidates.plan))
-    number = max(FEWEST_TOUCHES, needed) + 1
+    best, most, number = None, min(MOST_TOUCHES, len(candidates.plan)), too_few + 1
     while number <= (most if best is None else len(best) - 1):
-        report(f'sets of {number} touches', 0.1)
+        report(f'sets of {number} touches', 0.3)
         chosen = checked(candidates, choose(candidates, number, TOUCHES_PER_DISC))
         plan = _mixed(candidates.plan.select(np.array(chosen)))
         prediction, is_smaller = predict(robot, plan), best is None or len(plan) < len(best)
@@ -269,10 +221,9 @@ def _smallest_set(
         number += max(1, number // 40)
     if best is not None:
         return best
-    least = f', at least {needed} are needed' if needed else ''
     raise UnsupportedDataError(
         f'an accuracy of {accuracy:.3g} m is out of reach: no set of {most} of the {len(candidates.plan)} candidate '
-        f'touches reaches it{least}',
+        f'touches reaches it',
         'ask for a larger standard deviation, repeat touches, or move the discs',
     )
 
@@ -288,28 +239,3 @@ def _mixed(plan: Plan) -> Plan:
     around = np.lexsort((plan.posture, plan.angle, plan.disc))
     golden_ratio = 0.6180339887498949  # steps of a low-discrepancy order
     return plan.select(around[np.argsort(np.arange(len(plan)) * golden_ratio % 1.0, kind='stable')])
-
-
-def _additional_disc(robot: Robot, q: Requirements, tip: Floats, grid: int = 25, per_disc: int = 12) -> AdditionalDisc:
-    """The best place of one additional disc of medium radius, as well known as the first one and on its plate."""
-    cell, like = robot.cell, robot.cell.discs[0]
-    number, radius = COMPARED + max(1, COMPARED // len(cell.discs)), float(np.median(cell.radii))
-
-    def largest(discs: tuple[Disc | Outline, ...]) -> float:
-        other = replace(robot, cell=replace(cell, discs=discs))
-        plan = candidate_plan(other, q.levels, q.postures, per_disc)
-        return prepare_candidates(other, plan, tip).evenly_distributed(number)
-
-    base, (least, most) = np.array([cell.nominal.x0, cell.nominal.y0]), reach(cell.nominal)
-    found = AdditionalDisc(radius, number, largest(cell.discs), None, np.inf)
-    for y, x in product(*(at + np.linspace(-most, most, grid) for at in base[::-1])):
-        center = np.array([x, y])
-        from_base = float(np.hypot(*(center - base)))
-        apart = np.hypot(*(cell.centers - center).T) - cell.radii - radius
-        can_be = max(least, radius + BASE_MARGIN) <= from_base <= most and apart.min() >= 2 * CLEARANCE
-        if can_be and cell.region.holds(center):
-            disc = Disc('additional', x, y, radius, like.center_std, like.radius_std, like.plate)
-            with suppress(CellError, UnsupportedDataError):
-                if (reached := largest((*cell.discs, disc))) < found.largest:
-                    found = found._replace(place=(float(x), float(y)), largest=reached)
-    return found

@@ -23,7 +23,7 @@ grid.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -33,12 +33,7 @@ from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
-from scara_kinetostatic.calibration.identifiability import (
-    condition_number,
-    group_names,
-    scales_of,
-    unidentifiable_directions,
-)
+from scara_kinetostatic.calibration.identifiability import group_names, scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
 from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid
@@ -46,7 +41,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Noise, Plate
+from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, press_aside
@@ -107,22 +102,6 @@ class Robot:
         """What the cell description declares as uncertain; None where everything counts as exactly known."""
         return DeclaredErrors.of(self.cell)
 
-    @cached_property
-    def common_plate(self) -> Plate | None:
-        """The plate that carries all discs, if its place or rotation is uncertain."""
-        names = {disc.plate for disc in self.cell.discs}
-        uncertain = [plate for plate in self.cell.plates if plate.center_std or plate.angle_std]
-        return next((plate for plate in uncertain if names == {plate.name}), None)
-
-    def on_plate(self) -> Robot:
-        """The same robot with plates that count as exactly placed.
-
-        With all discs on one plate, touches say nothing about the place of the plate in the base frame: x0, y0 and
-        theta1 move with it. What they determine is the robot in the frame of the plate, and that is this robot.
-        """
-        plates = tuple(plate._replace(center_std=0.0, angle_std=0.0) for plate in self.cell.plates)
-        return replace(self, cell=replace(self.cell, plates=plates))
-
 
 @dataclass(frozen=True)
 class Prediction:
@@ -134,7 +113,6 @@ class Prediction:
         std: standard deviations, (12,), SI units; NaN where confounded.
         motions: directions of L̄ that the touches do not determine, (12, d), SI units, of plausible size.
         confounded: groups of parameters of which only combinations are determined, by name.
-        condition: condition number of the whitened Jacobian with unit columns, over the identifiable directions.
         leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
             it, and an error in it is not detected.
         together: of L̄ and what the cell declares as uncertain, (12 + m, 12 + m).
@@ -145,7 +123,6 @@ class Prediction:
     std: Floats
     motions: Floats
     confounded: tuple[tuple[str, ...], ...]
-    condition: float
     leverage: Floats
     together: Floats
     declared: DeclaredErrors | None
@@ -253,7 +230,6 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         std=std,
         motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
-        condition=condition_number(root * (w.derivative @ subspace.basis)),
         leverage=np.linalg.eigvalsh(hat)[:, -1],
         together=covariance,
         declared=robot.declared,
@@ -284,20 +260,6 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 
 
-class TipStd(NamedTuple):
-    """The standard deviation of the tip over the workspace; infinite where it is not determined.
-
-    Attributes:
-        largest: m.
-        rms: root of the mean square, m.
-        places: at each pose of `tip_in_use` for the worst direction of the load, (g,), m.
-    """
-
-    largest: float
-    rms: float
-    places: Floats
-
-
 def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Floats:
     """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
 
@@ -326,11 +288,18 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
     return derivative.reshape(-1, len(forces), *derivative.shape[1:])
 
 
-def tip_std(tip: Floats, prediction: Prediction) -> TipStd:
-    """The tip's standard deviation from a predicted covariance of L̄; `tip` as of `tip_in_use`, or some of its loads."""
+def tip_std(tip: Floats, prediction: Prediction) -> Floats:
+    """The tip's standard deviation from a predicted covariance of L̄, infinite where it is not determined.
+
+    Args:
+        tip: as of `tip_in_use`, or some of its loads.
+        prediction: with the covariance.
+
+    Returns:
+        Of each pose and load, (g, d), m.
+    """
     variance = np.einsum('gdik,kl,gdil->gd', tip, prediction.covariance, tip, optimize=True)
     if prediction.motions.size:
         motion = np.abs(tip @ prediction.motions).max(axis=(2, 3))
         variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
-    places = variance.max(axis=1)
-    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(variance.mean())), np.sqrt(places))
+    return np.asarray(np.sqrt(variance))

@@ -1,6 +1,6 @@
 """The optimal design as JSON, for the terminal and as a page, with its figures.
 
-These are the accuracy by the number of touches, the set, and maps of the tip.
+These are the accuracy by the number of touches, and the set.
 """
 
 from __future__ import annotations
@@ -12,34 +12,38 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from scara_kinetostatic.calibration.tip_uncertainty import region_grid
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
-from scara_kinetostatic.planning.optimal_design import Design, required
-from scara_kinetostatic.planning.prediction import tip_in_use, tip_std
-from scara_kinetostatic.report import Block, Figure, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.planning.optimal_design import Design
+from scara_kinetostatic.planning.prediction import tip_std
+from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
-from scara_kinetostatic.report.figure import INK, MICRO, PAPER, SERIES, WARN, in_mm
+from scara_kinetostatic.report.figure import MICRO, SERIES, WARN
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 
-WIDTH, HALF = 920.0, 450.0
+_WIDTH = 920.0
+_ABOUT_TOUCHES = (
+    'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
+    'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
+    'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
+    'it is not detected.'
+)
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
 def number_picture(design: Design) -> Markup:
-    """Largest standard deviation of the tip over the number of touches: best, even, and the lower bound."""
-    figure, (axes,) = draw.new_figure(WIDTH, 360)
+    """Largest standard deviation of the tip over the number of touches: best and even."""
+    figure, (axes,) = draw.new_figure(_WIDTH, 360)
     c, target = design.curve, MICRO * design.accuracy
     curves = (
         ('evenly distributed', c.evenly_distributed, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
         ('best set found', c.chosen, {'color': SERIES[0], 'marker': 'o'}),
-        ('lower bound', c.lower_bound, {'color': INK, 'ls': (0, (1, 2))}),
     )
     for label, values, look in curves:
         axes.plot(c.touches, MICRO * values, label=label, lw=1.4, **look)
     axes.axhline(target, color=WARN, lw=1.0, label='required')
-    best = (len(design.plan), MICRO * design.tip_std.largest)
+    best = (len(design.plan), MICRO * design.tip_std)
     axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
@@ -50,32 +54,9 @@ def number_picture(design: Design) -> Markup:
     return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
 
 
-def tip_picture(design: Design) -> Markup:
-    """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
-    figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
-    q, cell, columns = design.requirements, design.robot.cell, 48
-    x, y, _, possible = region_grid(design.robot.parameters, cell, columns)
-    tip = tip_in_use(design.robot, q.load, columns, 12 if q.under_load else 0)
-    values = np.full(possible.shape, np.nan)
-    values[possible] = MICRO * tip_std(required(tip, q), design.prediction).places
-    shown, largest = np.ma.masked_invalid(values), float(np.nanmax(values))
-    for panel, name, part in zip(axes, ('left', 'right'), shown, strict=True):
-        drawn = panel.pcolormesh(x, y, part, shading='nearest', cmap='viridis_r', rasterized=True)
-        drawn.set_clim(float(np.nanmin(values)), largest)
-        for disc in cell.discs:
-            draw.draw_object(panel, disc, INK, width=1.1)
-        panel.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
-        panel.set(aspect='equal', xlabel='x  [mm]', title=f'posture {name}')
-        in_mm(panel)
-        panel.grid(visible=False)
-    axes[0].set(ylabel='y  [mm]')
-    figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
-    return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
-
-
 def design_document(design: Design) -> dict[str, Any]:
     """`design.json`: SI units; None where a quantity is not determined."""
-    q, robot, declared, additional = design.requirements, design.robot, design.robot.declared, design.additional_disc
+    q, robot, declared = design.requirements, design.robot, design.robot.declared
     sources = () if declared is None else declared.prior.sources
     return {
         'schema': 'scara_kinetostatic/design/1',
@@ -86,7 +67,6 @@ def design_document(design: Design) -> dict[str, Any]:
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
             'region': list(robot.cell.region),
-            'frame': f'plate {design.plate}' if design.plate else 'base',
         },
         'robot': {
             'parameters': robot.parameters.as_dict(),
@@ -100,12 +80,6 @@ def design_document(design: Design) -> dict[str, Any]:
         },
         'recommended': _recommended(design),
         'by_number': design.curve,
-        'additional_disc': {
-            'radius': additional.radius,
-            'touches': additional.touches,
-            'without': additional.without,
-            'best': additional.place and {'center': additional.place, 'tip': additional.largest},
-        },
     }
 
 
@@ -118,12 +92,10 @@ def _recommended(design: Design) -> dict[str, Any]:
         'touches': p.touches,
         'rank': p.rank,
         'confounded': p.confounded,
-        'condition': p.condition,
-        'tip_free': {'largest': free.largest, 'rms': free.rms},
-        'tip_loaded': {'largest': loaded.largest, 'rms': loaded.rms},
+        'tip_free': {'largest': free.max(), 'rms': np.sqrt(np.mean(free**2))},
+        'tip_loaded': {'largest': loaded.max(), 'rms': np.sqrt(np.mean(loaded**2))},
         'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
         'value': design.without_each.max(),
-        'lower_bound': design.least,
         'largest_leverage': p.leverage.max(),
         'leverage': p.leverage,
         'without_each_touch': design.without_each,
@@ -134,13 +106,6 @@ def _recommended(design: Design) -> dict[str, Any]:
             for disc, angle, posture, force in touches
         ],
     }
-
-
-def requirement(design: Design) -> str:
-    """The required accuracy in words."""
-    load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
-    frame = f', in the frame of plate {design.plate}, whose place no touch shows' if design.plate else ''
-    return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace{frame}'
 
 
 def noise_sentences(design: Design) -> list[str]:
@@ -155,10 +120,7 @@ def noise_sentences(design: Design) -> list[str]:
             f'{" and ".join(robot.assumed)}. Calibrate once, and state the noise that it estimates.'
         ]
     if robot.declared is None:
-        sentences.append(
-            'Half the noise halves every standard deviation, and needs a quarter of the touches for the same '
-            'accuracy. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
-        )
+        sentences.append('Discs and force sensor count as exactly known: the cell declares no uncertainty of them.')
     else:
         parts = sorted(design.contributions.items(), key=lambda item: -item[1])
         said = ', '.join(f'{kind} {um(value)} µm' for kind, value in parts if value >= 0.05 * parts[0][1])
@@ -173,25 +135,11 @@ def set_sentences(design: Design) -> list[str]:
     """Accuracy and checks of the recommended set, one sentence each."""
     um = micrometres
     return [
-        f'{len(design.plan)} touches give {um(design.tip_std.largest)} µm at the worst place of the workspace, and '
-        f'{um(design.without_each.max())} µm after the loss of any one touch. Lower bound for any set that survives a '
-        f'loss: {design.least}.',
+        f'{len(design.plan)} touches give {um(design.tip_std)} µm at the worst place of the workspace, and '
+        f'{um(design.without_each.max())} µm after the loss of any one touch.',
         f'Every touch is checked by the others: largest leverage {100 * design.prediction.leverage.max():.0f} %. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',
     ]
-
-
-def disc_sentence(design: Design) -> str:
-    """The best place for one more disc."""
-    additional = design.additional_disc
-    if additional.place is None:
-        return f'There is no place for an additional disc of radius {1e3 * additional.radius:.0f} mm.'
-    x, y = additional.place
-    return (
-        f'An additional disc of radius {1e3 * additional.radius:.0f} mm is best at about '
-        f'({1e3 * x:.0f}, {1e3 * y:.0f}) mm: {micrometres(additional.largest)} µm with {additional.touches} touches '
-        f'evenly distributed, against {micrometres(additional.without)} µm on the discs of the cell.'
-    )
 
 
 def parameter_table(design: Design) -> Table:
@@ -221,37 +169,23 @@ def plan_table(design: Design) -> Table:
 
 def design_report(design: Design) -> Report:
     """The design for the terminal and for `design.html`."""
-    number = count(len(design.plan), 'touch', 'touches')
-    curve = Figure(partial(number_picture, design), 'Dotted: lower bound for every set.')
+    number, accuracy = count(len(design.plan), 'touch', 'touches'), f'{micrometres(design.accuracy)} µm'
+    load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
+    curve = Figure(partial(number_picture, design), 'Of the best set found, and of touches evenly distributed.')
     return Report(
         title='Optimal design of a calibration',
         answer=Verdict(
-            f'{number} reach {micrometres(design.accuracy)} µm and check themselves',
+            f'{number} reach {accuracy} and check themselves',
             'caution' if design.robot.assumed else 'good',
             (*noise_sentences(design), *set_sentences(design)),
         ),
-        source=f'Required: {requirement(design)}.',
+        source=f'Required: standard deviation of the tip ({load}) at most {accuracy} over the workspace.',
         blocks=(
-            Section('The recommended touches', _touches(design)),
+            Section('The recommended touches', (plan_table(design), Note(_ABOUT_TOUCHES))),
             Section('The parameters', (parameter_table(design),)),
             Section('Largest standard deviation of the tip by the number of touches', (curve,)),
-            Section('Best place for one more disc', (disc_sentence(design),)),
         ),
         footer='all numbers in full in design.json',
-    )
-
-
-def _touches(design: Design) -> tuple[Block, ...]:
-    """The recommended touches, as pictures and as a table."""
-    return (
-        plan_table(design),
-        Note(
-            'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
-            'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
-            'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
-            'it is not detected.'
-        ),
-        Figure(partial(tip_picture, design), 'Predicted standard deviation of the tip after a calibration.'),
     )
 
 

@@ -502,8 +502,8 @@ class Runner:
 
     def _travel(self, target: Target, way: Poses) -> Iterator[None]:
         """To where the approach begins."""
-        planner, cell, name = self._planner, self.cell, self.campaign.name(target)
-        self._say('travel', f'next: {name}, {target.reason}')
+        planner, cell = self._planner, self.cell
+        self._say('travel', f'next: {self.campaign.name(target)}, {target.reason}')
         self._tare('where nothing is touched', may_retract=False)
         here = self._here()
         pieces = [here[None, :2]]
@@ -518,10 +518,8 @@ class Runner:
                 pieces.append(before + np.linspace(0.0, 1.0, 20)[1:, None] * (corner - before))
         joints, weight = np.concatenate(pieces), 1.0
         lift = np.full(len(joints), here[2])
-        is_low_clear = len(set(way.posture.tolist())) == 1 and planner.space.is_clear(way.tip[:-1], way.tip[1:]).all()
-        rises = cell.lift is not None and not (is_low_clear and here[2] == cell.lift.down)
-        speed = self._travel_speed(raised=rises)
-        if cell.lift is not None and rises:  # raised first, lowered last
+        speed = self._travel_speed(raised=cell.lift is not None)
+        if cell.lift is not None:  # raised first, lowered last
             joints = np.concatenate([joints[:1], joints, joints[-1:]])
             lift = np.concatenate([lift[:1], np.full(len(lift), cell.lift.up), [cell.lift.down]])
             weight = max(speed / _LIFT_SPEED, 1.0)

@@ -6,9 +6,8 @@ H(L_n, Q) misses that place by
     m_d = H(L_n, Q) - (c_d - r_d F/|F|).
 
 The disc with the smallest |m_d| is the touched one. The nominal geometry may be wrong by 20 mm and 3°, so that misses
-of some centimetres are usual. Where there are enough touches, the six geometric parameters are first fitted to the
-misses (iteratively reweighted least squares with these errors as prior); the remaining misses distinguish a known
-disc from an unknown object.
+of some centimetres are usual. Where there are enough touches, the model is first fitted to them, coarsely and robustly
+(`assessment.mistakes`); the remaining misses distinguish a known disc from an unknown object.
 """
 
 from __future__ import annotations
@@ -17,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.assessment.mistakes import coarse_parameters
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.outline import PER_ANGLE
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -28,21 +28,15 @@ class Settings:
     """What belongs to a disc.
 
     Attributes:
-        length_prior: standard deviation of the errors of the nominal lengths and offsets, m.
-        angle_prior: standard deviation of the errors of the nominal angles, rad.
-        miss_sigma: standard deviation of the miss of the touched disc with the true geometry, m.
         largest_miss_nominal: a touch belongs to a disc if its miss with the nominal geometry is at most this, m.
-        largest_miss_fitted: the same with the fitted geometry, m; or `miss_medians` times the median miss, where
+        largest_miss_fitted: the same with the fitted model, m; or `miss_medians` times the median miss, where
             that is more.
         miss_medians: see there.
-        fewest_for_fit: touches needed for the fit of the geometry.
+        fewest_for_fit: touches needed for the fit.
         inner_corner: a rejected touch at most so far from both edges of an inner corner is taken for one of both, m.
         largest_friction_angle: accepted angle between the force and the normal of the disc (friction, noise), rad.
     """
 
-    length_prior: float = 0.015
-    angle_prior: float = np.deg2rad(2.5)
-    miss_sigma: float = 0.005
     largest_miss_nominal: float = 0.08
     largest_miss_fitted: float = 0.03
     miss_medians: float = 6.0
@@ -84,7 +78,7 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
         force: F on the object, in the frame of the sensor, (n, 2), N.
         cell: nominal parameters, discs, frame of the sensor.
     """
-    fitted, used = _fit_geometry(joints, force, cell), cell.nominal
+    fitted, used = coarse_parameters(joints, force, cell), cell.nominal
     disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
     known = miss <= Settings.largest_miss_nominal
     fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
@@ -116,29 +110,3 @@ def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: C
     lever = np.where(cell.surfaces.halves < np.pi, PER_ANGLE, cell.surfaces.radii)[surface]
     miss = np.hypot(radial, np.maximum(tangential - Settings.largest_friction_angle * lever, 0.0))
     return cell.surfaces.object[surface], miss
-
-
-def _fit_geometry(joints: Floats, force: Floats, cell: Cell) -> Parameters:
-    """Parameters with the geometry fitted to the misses of the nearest discs."""
-    nominal = cell.nominal.as_array()
-    prior = np.array([Settings.length_prior, Settings.angle_prior])[[0, 0, 1, 0, 1, 0]]  # x0, y0, θ1, l1, θ2, l2
-    change = np.zeros(6)
-    for _ in range(8):
-        parameters = cell.nominal.with_array(nominal + np.append(change, np.zeros(len(nominal) - 6)))
-        misses, unit = _misses(parameters, joints, force, cell)
-        disc = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
-        miss = misses[np.arange(len(disc)), disc]
-        jacobian = forward_by_parameters(parameters, joints)[..., :6]
-        if cell.sensor.frame is SensorFrame.TOOL:  # the force turns with theta1 and theta2
-            round_disc = np.where(cell.surfaces.halves < np.pi, 0.0, cell.surfaces.radii)[disc, None]
-            jacobian[..., [2, 4]] += quarter_turn(round_disc * unit)[..., None]
-        if cell.has_outlines:  # along an edge the place is free
-            along = cell.surfaces.tangents[disc]
-            jacobian -= along[:, :, None] * np.einsum('ni,nij->nj', along, jacobian)[:, None]
-        size = np.linalg.norm(miss, axis=1)
-        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * Settings.miss_sigma, float(np.median(size)))) ** 2)
-        rows = (weight / Settings.miss_sigma)[:, None, None] * jacobian * prior
-        right = (weight / Settings.miss_sigma)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
-        system = np.vstack([rows.reshape(-1, 6), np.eye(6)])
-        change = prior * np.linalg.lstsq(system, np.append(right.ravel(), np.zeros(6)), rcond=None)[0]
-    return cell.nominal.with_array(nominal + np.append(change, np.zeros(len(nominal) - 6)))

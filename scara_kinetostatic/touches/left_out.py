@@ -1,8 +1,7 @@
 """Touches and recordings that the user leaves out of a calibration, and how they are written.
 
 ``5`` and ``10-14`` are touches by their numbers in the result, ``touches_1`` is a recording by the name of its file or
-folder, ``touches_1:5`` and ``touches_1:10-14`` are touches by their numbers in that recording. Of recordings with the
-same name in several folders, ``monday/touches_1`` is one.
+folder. Of recordings with the same name in several folders, ``monday/touches_1`` is one.
 """
 
 from __future__ import annotations
@@ -10,32 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.touches.detection import Detection
 
 REASON = 'left out on request'
 _WHERE = 'touches left out'
-
-
-class LeftOut(NamedTuple):
-    """One entry of the list.
-
-    Attributes:
-        text: as written.
-        recording: name of a recording; empty for touches by their numbers in the result.
-        numbers: of the touches; None for a whole recording.
-    """
-
-    text: str
-    recording: str
-    numbers: range | None
-
-    def names(self, path: str | Path) -> bool:
-        """Whether the entry names that recording."""
-        named, parts = Path(self.recording).parts, Path(path).parts
-        return named == parts[-len(named) :] or self.recording == Path(path).stem
+LeftOut = str | range
+"""The name of a recording, or touches by their numbers in the result."""
 
 
 def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:
@@ -48,68 +29,55 @@ def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:
     Raises:
         ParameterError: a range of touches ends before it begins.
     """
-    entries = []
+    entries = list[LeftOut]()
     for text in (text.strip() for text in texts):
-        match = re.fullmatch(r'(?:(?P<recording>.+):)?(?P<first>\d{1,9})(?:-(?P<last>\d{1,9}))?', text)
-        if match is None:
-            entries.append(LeftOut(text, text, None))
-            continue
-        first, last = int(match['first']), int(match['last'] or match['first'])
-        if last < first:
+        match = re.fullmatch(r'(\d{1,9})(?:-(\d{1,9}))?', text)
+        entry = range(int(match[1]), int(match[2] or match[1]) + 1) if match else text
+        if not entry:
             raise ParameterError(where, f'{text}: expected a range of touches such as 10-14', 'write the smaller first')
-        entries.append(LeftOut(text, match['recording'] or '', range(first, last + 1)))
+        entries.append(entry)
     return tuple(entries)
 
 
 def kept_recordings(paths: Sequence[str | Path], entries: Sequence[LeftOut]) -> list[str | Path]:
-    """The recordings that are not left out as a whole.
+    """The recordings that are not left out.
 
     Raises:
-        ParameterError: an entry names none of the recordings, or several; none of them is kept; or touches are given by
-            their numbers in the result although a recording before them is left out, which changes these numbers.
+        ParameterError: an entry names none of the recordings, or several; none of them is kept; or touches are left
+            out, too: their numbers are those with the recording.
     """
-    for entry in entries:
-        named = [str(path) for path in paths if entry.recording and entry.names(path)]
-        if entry.recording and not named:
-            problem = f'{entry.recording!r} is none of the recordings {", ".join(Path(path).name for path in paths)}'
-            raise ParameterError(_WHERE, problem, 'write touches as 5 or 10-14, or with their recording as NAME:5')
-        if len(named) > 1:
-            problem = f'{entry.recording!r} is the name of several recordings: {", ".join(named)}'
-            raise ParameterError(_WHERE, problem, 'write the folder before the name, or the whole name of the file')
-    whole = [entry for entry in entries if entry.numbers is None]
-    kept = [path for path in paths if not any(entry.names(path) for entry in whole)]
+    kept = list(paths)
+    for name in (entry for entry in entries if isinstance(entry, str)):
+        named = [path for path in paths if _names(name, Path(path))]
+        if len(named) != 1:
+            problem = f'{name!r} is {"the name of several" if named else "none"} of the recordings '
+            remedy = 'write a recording with its folder, and touches as 5 or 10-14'
+            raise ParameterError(_WHERE, problem + ', '.join(map(str, named or paths)), remedy)
+        kept = [path for path in kept if path != named[0]]
     if not kept:
         raise ParameterError(_WHERE, 'every recording is', 'keep one')
-    for entry in entries if kept != list(paths[: len(kept)]) else ():
-        if entry.numbers is not None and not entry.recording:  # the numbers are not those the user has seen
-            problem = f'{entry.text} counts the touches of a recording that is left out as well'
-            raise ParameterError(_WHERE, problem, 'write touches with their recording, as NAME:5')
+    if len(kept) < len(paths) and any(isinstance(entry, range) for entry in entries):
+        problem = 'without a recording the touches have other numbers'
+        raise ParameterError(_WHERE, problem, 'leave the recording out first, and take them from that result')
     return kept
 
 
-def leave_out(detection: Detection, paths: Sequence[str | Path], entries: Sequence[LeftOut]) -> Detection:
-    """The detection with the touches of the entries among the rejected ones.
+def _names(name: str, path: Path) -> bool:
+    """Whether a name is that of a recording."""
+    parts = Path(name).parts
+    return parts == path.parts[-len(parts) :] or name == path.stem
 
-    Args:
-        detection: of the recordings in `paths`, the touches numbered on from one to the next.
-        paths: the recordings that are kept.
-        entries: those of recordings that are left out have no effect.
+
+def leave_out(detection: Detection, entries: Sequence[LeftOut]) -> Detection:
+    """The detection with the touches of the entries among the rejected ones.
 
     Raises:
         ParameterError: there is no touch of such a number.
     """
-    numbers: set[int] = set()
-    edges = [*detection.first_touches, detection.found]
-    for entry in entries:
-        spans = [(0, detection.found)]
-        if entry.recording:
-            spans = [(a, b) for path, a, b in zip(paths, edges, edges[1:], strict=False) if entry.names(path)]
-        for first, end in spans if entry.numbers is not None else ():
-            assert entry.numbers is not None
-            if first + entry.numbers[-1] >= end:
-                count = end - first
-                known = f'the touches are numbered from 0 to {count - 1}' if count else 'there are no touches'
-                problem = f'{entry.text}: {known}'
-                raise ParameterError(_WHERE, problem, 'take the numbers from the report')
-            numbers.update(first + number for number in entry.numbers)
+    numbers = set[int]()
+    for entry in (entry for entry in entries if isinstance(entry, range)):
+        if entry[-1] >= detection.found:
+            problem = f'there is no touch {entry[-1]} among {detection.found}, which are numbered from 0'
+            raise ParameterError(_WHERE, problem, 'take the numbers from the report')
+        numbers.update(entry)
     return detection.without(numbers, REASON) if numbers else detection

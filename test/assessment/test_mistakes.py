@@ -281,7 +281,7 @@ def test_units_are_told_by_sizes():
 
 def test_derivatives_of_the_coarse_fit(touches):
     rng = np.random.default_rng(3)
-    reading = _reading(touches['short'], SHORT, {})
+    reading = _reading(touches['short'].joints, touches['short'].force, SHORT, {})
     values = reading.nominal + rng.normal(0, 1e-3, 13) * np.array([1, 1, 1, 1, 1, 1, 1e-2, 1e-2, 1e-2, 1, 1, 1, 1])
     found = _misses(reading, values)
     for j in range(13):

@@ -208,7 +208,7 @@ def test_recordings_in_the_tool_frame_are_not_mixed_with_tables(folder, tmp_path
 @UNDIAGNOSED
 def test_touches_are_left_out_on_request(folder, tmp_path, capsys):
     options = ('--cell', folder / 'cell.yaml', '--out', tmp_path / 'result')
-    left_out = ('--leave-out', '3', '--leave-out', 'touches:5-6')
+    left_out = ('--leave-out', '3', '--leave-out', '5-6')
     assert run('calibrate', folder / 'touches.csv', *options, *left_out) == 0
     rejected = document(tmp_path / 'result')['touches']['rejected']
     assert [item['index'] for item in rejected if item['reason'] == 'left out on request'] == [3, 5, 6]

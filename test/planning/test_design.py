@@ -83,7 +83,7 @@ def test_prediction_is_what_the_calibration_states(name, frame):
     np.testing.assert_allclose(prediction.std, found.std, rtol=0.03)
     tip = tip_in_use(ROBOT, 40.0)[:, :1]
     parts = prediction.contributions(tip)
-    assert np.linalg.norm([*parts.values()]) == pytest.approx(tip_std(tip, prediction).largest)
+    assert np.linalg.norm([*parts.values()]) == pytest.approx(tip_std(tip, prediction).max())
     assert (parts['noise'] > 0) and (set(parts) == {'noise'}) == (name == 'exact')
 
 
@@ -91,26 +91,8 @@ def test_touches_count_and_check_each_other():
     once, twice = predict(ROBOT, PLAN), predict(ROBOT, PLAN, 2 * len(PLAN))
     np.testing.assert_allclose(once.covariance, 2 * twice.covariance, rtol=1e-9)
     assert twice.touches == 2 * len(PLAN)
-    assert twice.condition == pytest.approx(once.condition)
     assert 0 < once.leverage.min() <= once.leverage.max() < 1
     assert once.leverage.sum() <= 12 + 1e-9
-
-
-def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
-    tiny = replace(CELL, discs=tuple(disc._replace(center_std=1e-12, radius_std=1e-12) for disc in PAPER_DISCS))
-    expected, got = predict(ROBOT, PLAN), predict(Robot.of(tiny, PAPER_ACTUAL), PLAN)
-    np.testing.assert_allclose(got.covariance, expected.covariance, rtol=1e-5, atol=1e-20)
-    np.testing.assert_allclose(got.leverage, expected.leverage, rtol=1e-5)
-    trusted = replace(CELL, uncertainty=Uncertainty(nominal={'l1': 1e-9}))
-    assert predict(Robot.of(trusted), PLAN).std[NAMES.index('l1')] == pytest.approx(1e-9, rel=1e-3)
-
-
-def test_all_discs_on_one_plate_are_judged_in_its_frame():
-    robot = Robot.of(CELLS['plate'])
-    tip = tip_in_use(robot, 40.0)[:, :1]
-    assert tip_std(tip, predict(robot, PLAN)).largest > 1e-3
-    assert tip_std(tip, predict(robot.on_plate(), PLAN)).largest < 2e-5
-    assert Robot.of(CELL).common_plate is None
 
 
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
@@ -120,9 +102,9 @@ def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     assert prediction.confounded == (('p_ee', 'g_ee'),)
     assert np.isnan(prediction.std[[NAMES.index('p_ee'), NAMES.index('g_ee')]]).all()
     assert np.isfinite(np.delete(prediction.std, [6, 9])).all()
-    assert tip_std(at_level[:, :1], prediction).largest < 1e-5
-    assert np.isfinite(tip_std(at_level, prediction).largest)
-    assert np.isinf(tip_std(below, prediction).largest)
+    assert tip_std(at_level[:, :1], prediction).max() < 1e-5
+    assert np.isfinite(tip_std(at_level, prediction).max())
+    assert np.isinf(tip_std(below, prediction).max())
 
 
 def test_one_disc_leaves_the_robot_free_to_turn_about_it():
@@ -130,7 +112,7 @@ def test_one_disc_leaves_the_robot_free_to_turn_about_it():
     robot = Robot.of(cell)
     prediction = predict(robot, default_plan(cell))
     assert prediction.rank == 11
-    assert np.isinf(tip_std(tip_in_use(robot, 40.0)[:, :1], prediction).largest)
+    assert np.isinf(tip_std(tip_in_use(robot, 40.0)[:, :1], prediction).max())
     with pytest.raises(UnsupportedDataError, match='second disc'):
         optimal_design(robot, Requirements(per_disc=12))
 
@@ -150,7 +132,7 @@ def test_the_tip_keeps_to_region_and_limits_and_refuses_none():
     limited, region = replace(CELL, limits=((-0.5, 2.0), (0.0, 2.2))), Region(0.0, 0.3, 0.2, 0.5)
     for cell in (limited, replace(CELL, region=region)):
         tip = tip_in_use(replace(ROBOT, cell=cell), 30.0)
-        assert tip_std(tip, prediction).largest < tip_std(everywhere, prediction).largest
+        assert tip_std(tip, prediction).max() < tip_std(everywhere, prediction).max()
     assert len(tip_in_use(replace(ROBOT, cell=limited), 30.0)) < 0.5 * len(everywhere)
     for wrong, text in (
         ({'region': Region(2.0, 3.0, 2.0, 3.0)}, 'within reach'),

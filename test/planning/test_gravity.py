@@ -36,7 +36,7 @@ def test_a_fit_scatters_as_predicted():
     robot = Robot.of(CELL, TRUTH)
     every = candidate_plan(robot, (10.0, 40.0), per_disc=12)
     predicted = predict(robot, every)
-    assert predicted.rank == 14 and tip_std(tip_in_use(robot, 40.0)[:, :1], predicted).largest < 2e-5
+    assert predicted.rank == 14 and tip_std(tip_in_use(robot, 40.0)[:, :1], predicted).max() < 2e-5
     found = sk.calibrate(simulate_touches(CELL, ExtendedModel(TRUTH), every, CELL.noise, 5), CELL)
     np.testing.assert_allclose(found.std, predicted.std, rtol=0.15)
     assert np.abs((found.parameters.as_array() - TRUTH.as_array()) / found.std).max() < 4.0

@@ -13,21 +13,19 @@ from conftest import page_left_out
 from scipy.spatial import cKDTree
 
 from benchmark.next import random_cell
-from scara_kinetostatic.calibration.tip_uncertainty import region_grid
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Noise, Region
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import declared_rows, largest_variance
-from scara_kinetostatic.planning.motion import Edges, Space, shortest_order
+from scara_kinetostatic.planning.motion import Edges, short_order
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.planning.prediction import Robot, tip_in_use
+from scara_kinetostatic.planning.prediction import tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
 from scara_kinetostatic.running.campaign import clear_start
 from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, default_plan
@@ -168,14 +166,6 @@ def places_of(planner, plan):
     return [int(np.flatnonzero((rows == row).all(axis=1))[0]) for row in wanted]
 
 
-def test_chosen_touches_are_better_than_even_ones_and_exchanges_do_not_harm(planner):
-    candidates, planned = planner.candidates, planner.accurate(12)
-    chosen = places_of(planner, planned.plan)
-    assert len(planned.plan) == len(set(chosen)) == 12
-    spread = np.linspace(0, len(candidates.plan) - 1, 12).astype(int).tolist()
-    assert largest_variance(candidates, chosen) < largest_variance(candidates, spread)
-
-
 def test_the_mean_variance_is_that_of_the_tip_over_the_region(planner):
     tip, scales = tip_in_use(planner.robot, 40.0), declared_rows(planner.robot)[0]
     chosen = [3, 50, 200, 300, 400, 500, 77, 123]
@@ -184,48 +174,12 @@ def test_the_mean_variance_is_that_of_the_tip_over_the_region(planner):
     assert largest_variance(planner.candidates, chosen) == pytest.approx(float(variance.mean()))
 
 
-def test_the_tip_in_use_agrees_with_differences_of_the_model():
-    robot = Robot.of(CELL, PAPER_ACTUAL)
-    tip = tip_in_use(robot, 30.0, 5, 4)
-    turns = np.pi / 4 + np.pi / 2 * np.arange(4)
-    force = np.concatenate([np.zeros((1, 2)), 30 * np.stack([np.cos(turns), np.sin(turns)], axis=-1)])
-    _, _, grid, (reached, _) = region_grid(PAPER_ACTUAL, CELL, 5)
-    places = np.repeat(grid[reached], 5, axis=0)
-    load, joints = np.tile(force, (len(places) // 5, 1)), inverse(PAPER_ACTUAL, places, 1)
-    for k, name in enumerate(NAMES):
-        value, step = getattr(PAPER_ACTUAL, name), 1e-7
-        up, down = (
-            direct_kinetostatics(PAPER_ACTUAL.replace(**{name: value + sign * step}), joints, load)[0]
-            for sign in (1, -1)
-        )
-        expected = ((up - down) / (2 * step)).reshape(-1, 5, 2)
-        close = 1e-4 * (1 + abs(expected).max())
-        np.testing.assert_allclose(tip[: len(expected), :, :, k], expected, atol=close)
-
-
-def test_touches_made_count(planner):
-    first = planner.accurate(12)
-    touches = simulate_touches(CELL, PAPER_ACTUAL, first.plan, seed=1)
-    later = Planner(planner.arm, touches=touches)
-    assert later.accurate(6).uncertainty.planned < first.uncertainty.planned
-    made = places_of(planner, first.plan)
-    assert largest_variance(later.candidates, []) < 1.5 * largest_variance(planner.candidates, made)
-
-
 def test_touches_are_not_expected_to_lower_undetected_effects():
     outcome = calibrate_touches(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 8), seed=1), CELL)
     found = Planner.of_outcome(outcome).accurate(4).uncertainty
     parts = [item.tip for item in outcome.budget if item.label.startswith('undetected')]
     assert found.undetected == pytest.approx(2 * np.linalg.norm(parts))
     assert found.least < found.undetected < found.planned < found.now
-
-
-@pytest.mark.parametrize('label', ['encoder_gain[joint2]', 'base_compliance'])
-def test_what_is_suspected_counts_in_the_choice(label, planner):
-    suspicious = planner_of(CELL, suspected=frozenset({label}))
-    chosen = [places_of(one, one.accurate(9).plan) for one in (planner, suspicious)]
-    values = [largest_variance(suspicious.candidates, some) for some in chosen]
-    assert values[1] < 0.98 * values[0]
 
 
 def test_preloads_are_planned_where_they_show_friction_in_the_joints():
@@ -270,9 +224,9 @@ def test_distances_of_moves_from_edges():
     np.testing.assert_allclose(edges.distance(a, b), expected)
 
 
-def test_the_shortest_order_is_that_of_a_line():
+def test_the_short_order_is_that_of_a_line():
     places = np.random.default_rng(2).permutation(9).astype(float)
-    order = shortest_order(np.abs(places[:, None] - places))
+    order = short_order(np.abs(places[:, None] - places))
     assert list(places[order]) in ([*range(9)], [*range(8, -1, -1)])
 
 
@@ -361,12 +315,6 @@ def test_joints_that_turn_farther_are_planned_in_one_turn_about_the_middle():
             'joint1 stands beyond robot.limits, less than 0.02 rad within, or more than half a turn from their middle: '
             'move it',
         )
-
-
-def test_limits_are_needed_and_kept_with_a_margin():
-    with pytest.raises(CellError, match=r'robot\.limits: the limits of the joints are missing'):
-        _ = Space(PAPER_CELL, PAPER_NOMINAL, 0.012).limits
-    assert planner_of(CELL).space.limits[0] == pytest.approx(-2.6 + LIMIT_MARGIN)
 
 
 @pytest.fixture

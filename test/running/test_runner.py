@@ -102,14 +102,11 @@ def until_phase(one: Rehearsal, phase: str, more: float = 0.2) -> None:
 
 
 def test_a_run_at_a_disc_and_a_block_reaches_its_tolerance():
-    """Enough is said of all touches that were made, though a calibration takes longer than a touch."""
-    one, made = rehearsal(WITH_BLOCK, calibrating=20.0), list[int]()
-    campaign, work = one.runner.campaign, one.runner.campaign._work
-    campaign._work = lambda do, cell, touches, *rest: made.append(len(touches)) or work(do, cell, touches, *rest)
+    """Though a calibration takes longer than a touch."""
+    one = rehearsal(WITH_BLOCK, calibrating=20.0)
     one.run()
-    end = one.runner.end
+    end, campaign = one.runner.end, one.runner.campaign
     assert (end.status, end.reason.partition(':')[0]) == (0, 'enough')
-    assert made[-1] == campaign.accepted > made[-2] + 1
     assert one.plant.peak_force < CELL.touch.max_force
     assert all(meant == met for meant, met in one.contacts)
     assert len(one.contacts) == campaign.accepted + campaign.failed
@@ -743,18 +740,6 @@ def test_a_controller_that_scales_the_time_is_late_which_is_no_fault(streams):
     assert 'max_touches' in one.runner.end.reason
     assert (one.runner.campaign.accepted, one.runner.campaign.failed) == (1, 0)
     assert one.plant.peak_force < CELL.touch.max_force
-
-
-def test_a_scaling_of_zero_is_waited_for():
-    one = rehearsal(replace(CELL, tolerance=None), most=2, patience=20.0)
-    until_phase(one, 'travel')
-    one.plant.scaling = 0.0
-    one.run(longest=5.0)
-    assert one.runner.status.phase in ('waiting', 'travel', 'judge')
-    assert any(status.phase == 'waiting' for _, status in one.history)
-    one.plant.scaling = 1.0
-    one.run()
-    assert one.runner.campaign.accepted == 2
 
 
 def test_a_busy_machine_does_not_press_on_without_forces():

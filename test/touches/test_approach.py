@@ -11,8 +11,7 @@ from scara_kinetostatic.simulation.motion import Timing, Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL, last_movement, resolution
-from scara_kinetostatic.touches.signals import as_signals
+from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL, last_movement
 
 
 @pytest.mark.parametrize(
@@ -100,15 +99,3 @@ def test_staircase_up_and_down():
     up = np.sign(pressed[1] - pressed[0])
     np.testing.assert_array_equal(np.sign(found), [np.sign(pressed[0] - free), up, -up, up])
     np.testing.assert_allclose(found[2:], [pressed[2] - pressed[1], pressed[3] - pressed[2]], atol=3e-6)
-
-
-def test_resolution_of_the_encoders():
-    plan = default_plan(CELL, per_disc=2)
-    coarse, fine = (
-        as_signals(simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=SensorModel(resolution=step)), CELL)
-        for step in (1e-4, 0.0)
-    )
-    assert coarse is not None
-    assert fine is not None
-    assert resolution(coarse.joints) == pytest.approx(1e-4)
-    assert resolution(fine.joints) < SMALLEST_REVERSAL

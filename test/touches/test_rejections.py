@@ -69,8 +69,8 @@ def elsewhere(scene, *center):
         (tap, (), 'hold too short'),
         (oscillate, (), 'no steady force'),
         (creep, (4.0,), 'no steady force'),
-        (slide, (3,), 'the tip slides'),
-        (slide, (60,), 'the tip slides'),
+        (slide, (3,), 'the joints do not rest'),
+        (slide, (60,), 'no steady force'),
         (tremble, (), 'the joints do not rest: they do during only '),
         (elsewhere, (-0.05, 0.5), 'no object there; the nearest, '),
     ],
@@ -103,29 +103,19 @@ def test_a_joint_that_is_to_be_held_moves(begin, end, rejected):
     assert [(one.index, one.reason) for one in online] == [(one.index, one.reason) for one in found.episodes]
 
 
-@pytest.mark.parametrize('topic', ['joints', 'wrench'])
-@pytest.mark.parametrize('begin', [-0.25, 0.15])
-def test_gap_in_press_or_hold(topic, begin):
-    scene = Scene().touches(8).touch(0, 30, 25.0, hold=1.0)
-    start = scene.holds[-1][2] + begin
-    reason = only_rejection(scene, without=[(topic, start, start + 0.2)])
-    name = CELL.sensor.joint_states if topic == 'joints' else CELL.sensor.wrench
-    assert 'gap of 0.2' in reason
-    assert name in reason
-
-
 def test_gaps_and_the_end_of_a_topic():
     scene = Scene().touches(9)
     after, press, last = scene.holds[4][3], scene.holds[5][2], scene.holds[8][2]
     for lost, rejected, reason in (
         ([('wrench', after + 0.05, after + 0.3), ('joints', after + 0.5, after + 0.9)], [], None),
         ([('wrench', after + 0.1, press + 0.1)], [5], 'gap'),
+        ([('wrench', press + 0.15, press + 0.35)], [5], f'gap of 0.2.*{CELL.sensor.wrench}'),
         ([('joints', last - 0.05, np.inf)], [8], CELL.sensor.joint_states),
     ):
         detection = find_touches(scene.streams(without=lost), CELL)
         assert detection.found == 9
         assert [item.index for item in detection.rejected] == rejected
-        assert all(reason in item.reason for item in detection.rejected)
+        assert all(re.search(reason, item.reason) for item in detection.rejected)
 
 
 def test_begins_in_contact():
