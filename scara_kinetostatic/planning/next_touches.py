@@ -7,8 +7,8 @@ load. Candidates are points around the discs, both postures, three forces, with 
 planned where it shows friction.
 
 **Effects not decided.** Every effect of the catalogue counts, with a prior: its typical size where the diagnosis
-suspects it, else `UNSUSPECTED` of that; one with a form, as a frequency, in its typical form. So touches are spread
-enough to find it, or to show how small it is.
+suspects it, else the size that the mixed model has found, or `UNSUSPECTED` of the typical one without such a fit; one
+with a form, as a frequency, in its typical form. So touches are spread enough to find it, or to show how small it is.
 The variance of the sizes that are suspected counts as much as that of the tip, both in what they are now: an effect
 that does not move the tip, as a disc elsewhere, is decided, too.
 
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -144,6 +144,7 @@ class Planner:
         suspected: labels of the effects that the diagnosis suspects and has not decided about.
         given_up: places that are not to be touched: disc, direction from its centre, rad, and posture of each.
         undetected: the part of `now` that effects not detected or not decided contribute, m.
+        sizes: of the undetected effects by label, in their typical size, as the mixed model has them.
     """
 
     arm: CalibratedArm
@@ -152,6 +153,7 @@ class Planner:
     suspected: frozenset[str] = frozenset()
     given_up: tuple[tuple[int, float, int], ...] = ()
     undetected: float = 0.0
+    sizes: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of_outcome(cls, outcome: Outcome, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
@@ -161,7 +163,12 @@ class Planner:
         now = known_or_infinite(tip.worst, tip.undetermined)
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
         undetected = undetected_part({item.label: item.tip for item in outcome.budget})
-        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up, undetected)
+        sizes = dict[str, float]()
+        if final.random is not None:
+            for column, size in zip(final.random.columns, final.random.size, strict=True):
+                part, label = size / abs(column.effect.typical[column.parameter]), column.effect.label
+                sizes[label] = max(part, sizes.get(label, 0.0))
+        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up, undetected, sizes)
 
     @cached_property
     def robot(self) -> Robot:
@@ -176,7 +183,7 @@ class Planner:
         values = list(model.with_effects(effects).effect_values)
         sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
         for k, effect in enumerate(undecided, len(own)):
-            part = 1.0 if effect.label in self.suspected else UNSUSPECTED
+            part = 1.0 if effect.label in self.suspected else self.sizes.get(effect.label, UNSUSPECTED)
             size = np.where(_is_size(effect), part, 1.0) * np.abs(effect.typical)
             if effect.grid_parameter:  # linear about the effect in this form, which stays
                 values[k] = tuple(size.tolist())
