@@ -17,11 +17,11 @@ from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import RIVALS, VALUE, DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
-from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Improvement, best_improvement, source_title
+from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
@@ -296,19 +296,6 @@ def _tip_std(c: Calibration, joints: Floats) -> Floats:
     return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
 
 
-_ACTIONS = {
-    'object_position': 'measure the place of {} to {}',
-    'object_radius': 'measure the radius of {} to {}',
-    'plate_position': 'measure where plate {} lies to {}',
-    'plate_angle': 'measure the rotation of plate {} to {}',
-    'radius': 'measure the radius of the tip to {1}',
-    'force_gain': 'calibrate the gain of the force sensor to {1}',
-    'force_rotation': 'measure the rotation of the force sensor to {1}',
-    'nominal': 'find out {} to {}',
-}
-"""What to do about a source of uncertainty, by its kind: of what, and to which uncertainty."""
-
-
 def conformity(evidence: Evidence) -> Iterator[Remark]:
     """An expanded uncertainty of the tip beyond the tolerance, or too near to it to decide (ISO 14253-1).
 
@@ -331,11 +318,8 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
     elif found.touched is Decision.CONFORMS:
         between = quantity(tip.worst_touched, 'm')
         reason += f', and wherever the joint angles are between those of the touches (up to {between})'
-    action = advice(evidence) or 'use it only where the tolerance is met'
-    if evidence.improvements and not any(item.worst <= tolerance for item in evidence.improvements):
-        action += f'; no single measurement meets the tolerance of {limit}'
     beyond = found.touched is Decision.DOES_NOT_CONFORM or found.share < 0.5
-    yield Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action)
+    yield Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, advice(evidence))
 
 
 def stated_conformity(evidence: Evidence) -> str:
@@ -364,31 +348,22 @@ def kept(evidence: Evidence) -> Iterator[str]:
 
 
 def advice(evidence: Evidence) -> str:
-    """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
-    worst = evidence.tip_uncertainty.worst
-    largest = max(evidence.budget, key=lambda item: item.tip).label
-    for effect in (item.effect for item in evidence.diagnosis.found):
-        if largest == f'{VALUE}[{effect.label}.{effect.grid_parameter}]':
-            return f'record {effect.identified_by}: the choice of {effect.grid_parameter} dominates'
-    if largest == RIVALS:
-        touches, d = 'make the touches that tell the possible causes apart', evidence.diagnosis
-        discriminate = to_discriminate(d) if d.discriminating == () else touches
-        return f'{discriminate}: the choice among them dominates'
-    best = best_improvement(evidence.improvements, worst, evidence.final.cell.tolerance)
-    if best is None:
-        return ''
-    falls = f'from {quantity(worst, "m")} to {quantity(best.worst, "m")}'
-    return f"{action_for(best)}: the tip's expanded uncertainty, where it is largest, falls {falls}"
-
-
-def action_for(item: Improvement) -> str:
-    """What to do, in the imperative: ``measure the place of disc_2 to 5 µm``."""
-    if item.labels == (NOISE,):
-        return f'record {item.wanted:.0f} touches of the same kind instead of {item.declared:.0f}'
-    kind = item.labels[0].partition('[')[0]
-    target = ', '.join(label.rstrip(']').partition('[')[2] for label in item.labels)
-    size = f'{100 * item.wanted:g} %' if item.unit == '1' else quantity(item.wanted, item.unit)
-    return _ACTIONS.get(kind, f'find out the {source_title(item.labels[0])} to {{1}}').format(target, size)
+    """What to do about the kind of source that contributes most to the uncertainty of the tip, in the imperative."""
+    kinds: dict[str, list[Item]] = {}
+    for item in evidence.budget:
+        kinds.setdefault(item.kind, []).append(item)
+    items = max(kinds.values(), key=lambda alike: sum(item.tip**2 for item in alike))
+    largest, d = max(items, key=lambda item: item.tip), evidence.diagnosis
+    if largest.kind == RIVALS:
+        touches = 'make the touches that tell the possible causes apart'
+        return f'{to_discriminate(d) if d.discriminating == () else touches}: the choice among them dominates'
+    if largest.kind == VALUE:
+        label, _, name = largest.target.rpartition('.')
+        return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
+    if largest.declared is None or largest.kind == UNDETECTED:
+        return 'record more touches'
+    every = largest._replace(label=f'{largest.kind}[{", ".join(item.target for item in items)}]')
+    return f'determine the {every.title} more accurately: it dominates'
 
 
 def to_discriminate(d: Diagnosis) -> str:
