@@ -7,7 +7,6 @@ from contextlib import suppress
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, covariance_of_fit, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
@@ -57,9 +56,8 @@ def calibrate(
         gravity, touches that do not tell the flank of a joint are left out: they are in `rejected`, not in `touches`.
 
     Raises:
-        ParameterError: `fixed` names no parameter, gives a senseless value, holds an effect whose size the cell
-            declares as uncertain, or leaves nothing free; a touch names no disc of the cell; `start` or `warm_start`
-            has other effects.
+        ParameterError: `fixed` names no parameter, gives a senseless value, or leaves nothing free; a touch names no
+            disc of the cell; `start` or `warm_start` has other effects.
         UnsupportedDataError: too few touches for the free parameters, touches so much
             alike that they determine less than half of them, or a fit that diverges.
         InputError: the forces do not point at the discs.
@@ -81,7 +79,6 @@ def calibrate(
         remedy = 'take it from catalogue(cell), by its label'
         raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
     start = _start(cell, effects, start, fixed)
-    _check_held(start, cell, fixed)
     if warm_start is not None:
         if warm_start.model.effects != start.effects:
             raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
@@ -244,17 +241,6 @@ def _start(
     start = _with_fixed(start, fixed)
     start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start
-
-
-def _check_held(model: ExtendedModel, cell: Cell, fixed: Mapping[str, float]) -> None:
-    """Refuses an effect that is held, and an unknown error of the cell as well."""
-    if not model.effects or (declared := DeclaredErrors.of(cell)) is None:
-        return
-    for law in model.effects:
-        source = getattr(law, 'declared_as', '') or law.label
-        if source in declared.places and all(f'{law.label}.{p.name}' in fixed for p in law.parameters):
-            problem = f'is held, and the cell description declares an uncertainty of {source}'
-            raise ParameterError(f'fixed effect {law.label}', problem, 'correct the cell description instead')
 
 
 def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedModel:
