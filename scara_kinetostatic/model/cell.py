@@ -203,17 +203,13 @@ class Plane(NamedTuple):
         return np.asarray((places - np.array(self.origin)) @ self.axes)
 
     @property
+    @lru_cache(maxsize=16)  # noqa: B019 - of all planes together
     def quaternion(self) -> tuple[float, float, float, float]:
         """X, y, z and w of its rotation."""
-        return _quaternion(self)
+        from scipy.spatial.transform import Rotation
 
-
-@lru_cache(maxsize=16)
-def _quaternion(plane: Plane) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(plane.axes).as_quat().tolist()
-    return x, y, z, w
+        x, y, z, w = Rotation.from_matrix(self.axes).as_quat().tolist()
+        return x, y, z, w
 
 
 def axes_problem(x: tuple[float, ...], y: tuple[float, ...]) -> str:
@@ -718,13 +714,8 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
     depths = [away.min(axis=1 - k)[inside(lines[1 - k], lines[k])] for k in (0, 1) if items[1 - k].is_closed]
     if any(depth.size for depth in depths):
         return -float(np.concatenate(depths).max())
-    if (
-        isinstance(one, Outline)
-        and isinstance(other, Outline)
-        and crosses(np.array(one.corners), np.array(other.corners))
-    ):
-        return -np.inf
-    return float(away.min())
+    corners = [np.array(item.corners) for item in items if isinstance(item, Outline)]
+    return -np.inf if len(corners) == 2 and crosses(*corners) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
