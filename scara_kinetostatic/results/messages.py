@@ -112,15 +112,11 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
     where = outcome.final.cell.region.title
     sizes = f'at most {micrometres(tip.worst)} µm, at {tip.at.title}, median {micrometres(tip.median)} µm.'
-    found = [
+    return [
         f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',
         f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
+        f'To reduce it: {advice(outcome)}.',
     ]
-    left, right = (round(100 * part) for part in tip.alone)
-    if left or right:
-        of = f'the places of the {where} that the arm can take'
-        found.insert(1, f'Within robot.limits {left} % of {of} need the elbow left, {right} % the elbow right.')
-    return [*found, f'To reduce it: {advice(outcome)}.']
 
 
 def parameter_table(c: Calibration) -> Table:

@@ -51,7 +51,7 @@ def test_an_effect_says_what_it_is_and_can_be_evaluated(effect):
     assert effect.plot_variable in VARIABLES and effect.is_physical
     assert len(effect.confounded_with) > 10 and len(effect.identified_by) > 10
     assert all(parameter.scale > 0 and parameter.meaning and parameter.unit for parameter in effect.parameters)
-    assert len(effect.labels) == len(effect.start) == len(effect.typical) == len(effect.parameters)
+    assert len(effect.start) == len(effect.typical) == len(effect.parameters)
     assert effect.label.startswith(effect.name)
     assert find(CELL, effect.label) == effect
     assert effect.is_plausible(np.array(effect.typical))
