@@ -103,15 +103,6 @@ def test_one_disc_does_not_tell_where_the_tip_is() -> None:
     assert 'nor where the tip is' in found.reasons[0]
 
 
-def test_an_uncertainty_beyond_the_tolerance() -> None:
-    strict = replace(good().final.cell, tolerance=4e-6)
-    found = replace(good(), calibration=replace(good().calibration, cell=strict)).assessment
-    assert found.grade is Grade.UNFIT
-    assert 'the tolerance 4 µm; it conforms in 0 % of the workspace' in found.reasons[0]
-    wide = replace(good().final.cell, tolerance=1e-3)
-    assert replace(good(), calibration=replace(good().calibration, cell=wide)).assessment.grade is Grade.FIT
-
-
 def test_touches_rejected_in_a_row_are_beyond_chance() -> None:
     used = np.ones(48, dtype=bool)
     used[20:25] = False

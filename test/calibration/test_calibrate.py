@@ -213,13 +213,6 @@ def test_faint_touches_and_repeated_readings_are_left_out_by_name():
     assert '0.54 N' in found.rejected[1].reason
 
 
-def test_a_recording_given_twice_counts_once():
-    data = touches(PAPER_ACTUAL, 1)
-    twice = calibrate(data.concatenate([data, data]).replace(index=np.arange(144)), CELL)
-    np.testing.assert_allclose(twice.std, calibrate(data, CELL).std, rtol=1e-9)
-    assert len(twice.rejected) == 72
-
-
 def test_many_touches_settle_though_some_lie_at_the_edge_of_a_dead_band():
     for seed in range(2):
         found = calibrate(touches(PAPER_MEASURED, seed, per_disc=36), CELL)

@@ -186,17 +186,3 @@ def test_where_the_tip_is_not_determined_nothing_is_stated() -> None:
     assert np.isnan(budget[0].tip)
     for name, status in c.status.items():
         assert (status == 'confounded') == bool(np.isnan(budget[0].parameters[NAMES.index(name)]))
-
-
-def test_a_fixed_parameter_contributes_nothing() -> None:
-    c = calibrate(sk.simulate(MEASURED, PAPER_ACTUAL), MEASURED, fixed={'x0': PAPER_ACTUAL.x0})
-    assert all(item.parameters[0] == 0 for item in uncertainty_budget(c, tip_uncertainty(c)))
-
-
-def test_touches_under_one_force_leave_the_unloaded_tip_determined() -> None:
-    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL)
-    size = np.hypot(*touches.force.T)
-    c = calibrate(touches.select(np.abs(size - 40) < 3), PAPER_CELL)
-    area = workspace(c)
-    unloaded = ~area.poses.force.any(axis=1)
-    assert np.all(np.isfinite(tip_derivative(c, area.poses)[unloaded]))
