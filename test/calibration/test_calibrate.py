@@ -170,6 +170,7 @@ def test_touches_that_support_nothing(data, error, words):
         ({'p3': 1.0}, "'p3'"),
         (PAPER_ACTUAL.as_dict(), 'all twelve'),
         ({'l1': -0.3}, 'l1'),
+        ({'l1': np.nan}, 'l1: expected a finite number, got nan'),
         ({'l1': 330.0}, 'l1=330: is 330 m from its nominal value; give it in m, not in mm'),
     ],
 )

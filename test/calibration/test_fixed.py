@@ -27,7 +27,6 @@ def test_texts_give_names_and_values():
     [
         ('theta_1=0', "did you mean 'theta1'"),
         ('l1=long', "expected a number, got 'long'"),
-        ('l1=nan', 'expected a finite number'),
         ('object_radius[disc_2]=0', 'such as object_radius'),
     ],
 )
@@ -53,7 +52,7 @@ def test_values_far_from_nominal_have_another_unit(name, far, usual):
 @pytest.mark.parametrize(
     ('fixed', 'message'),
     [
-        ({'object_radius[disc_2].raduis': 0.0}, "did you mean 'object_radius"),
+        ({'object_radius[disc_2].raduis': 0.0}, r'\.radius is free: .*give object_radius\[disc_2\]\.radius'),
         ({'objct_radius[disc_2].radius': 0.0}, "did you mean 'object_radius"),
         ({'transmission_error[joint1].cycles': 3.0}, r'amplitude is free: an effect is held by all of its parameters'),
     ],
