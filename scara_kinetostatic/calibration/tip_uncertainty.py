@@ -44,6 +44,7 @@ from scara_kinetostatic.model.kinematics import (
 )
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques, pull_of_links
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.tip import with_effects
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
@@ -188,24 +189,10 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     base = tip_by_parameters(p, links, force, c.cell.gripper_sign.factor, at)
     if not c.full_model.effects:
         return base
-    return np.concatenate([base, _by_effects(c, poses, links, torques)], axis=-1)
-
-
-def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) -> Floats:
-    """∂S/∂(values of the effects), (n, 2, k): d - J δ of each; an effect on the object does not displace the tip."""
-    n, p = len(links), c.parameters
-    metadata, turns = TouchMetadata.plain(n)._replace(posture=poses.posture), jacobian(p, links)
-    at = TouchState.of_poses(p, poses.joints, poses.force, torques, link_vectors(p, links), forward(p, links), metadata)
-    columns = []
-    for effect, values in c.full_model.pairs:
-        for shift in effect.derivative(at, values):
-            column = np.zeros((n, 2))
-            if shift.joints is not None:
-                column -= np.einsum('nij,nj->ni', turns, shift.joints)
-            if shift.place is not None and not effect.on_object:
-                column += shift.place
-            columns.append(column)
-    return np.stack(columns, axis=-1) if columns else np.zeros((n, 2, 0))
+    metadata = TouchMetadata.plain(len(links))._replace(posture=poses.posture)
+    vectors, rigid = link_vectors(p, links), forward(p, links)
+    state = TouchState.of_poses(p, poses.joints, force, torques, vectors, rigid, metadata)
+    return with_effects(base, c.full_model, jacobian(p, links), np.ones(len(links)), state)
 
 
 def possible_poses(p: Parameters, cell: Cell, places: Floats, reached: Mask) -> Mask:
