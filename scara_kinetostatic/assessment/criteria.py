@@ -271,7 +271,9 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     if tip.at is not None and not tip.worst <= Limits.extrapolation * tip.median_touched:
         reason = f'the touches cover a small part of the {evidence.final.cell.region.title}: at {tip.at.title} the tip '
         action = 'use it near the touches, or touch objects that are farther apart'
-        worst = f'is uncertain by {quantity(tip.worst, "m")} (k = 2), far more than between the touches'
+        known = np.isfinite(tip.median_touched)
+        than = 'far more than between the touches' if known else 'and no place is between the touches'
+        worst = f'is uncertain by {quantity(tip.worst, "m")} (k = 2), {than}'
         yield Remark(Grade.CAUTION, f'{reason}{worst}', action)
 
 
