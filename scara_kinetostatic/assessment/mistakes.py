@@ -234,7 +234,7 @@ def wrong_unit(joints: Floats, force: float) -> Mistake | None:
     """
     degrees = [f'joint {k + 1}' for k in (0, 1) if np.abs(joints[:, k]).max(initial=0.0) > _Limits.largest_angle]
     if degrees:
-        statement = f'the angles of {_listed(degrees)} are in degrees, not in rad'
+        statement = f'the angles of {" and ".join(degrees)} are in degrees, not in rad'
         return Mistake('joint angles', statement, 'give them in rad', in_cell=False, is_gross=True)
     if _Limits.faint < force < _Limits.huge:
         return None
@@ -576,8 +576,3 @@ def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
         name, free = NAMES[j], np.where(np.arange(len(r.free)) == j, 1.0, r.free)
         statement = f'the fixed value {r.nominal[j]:g} {UNITS[name]} of {name} contradicts the touches'
         yield _Candidate(f'fixed {name}', statement, 'correct it, or leave the parameter free', r._replace(free=free))
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names in a sentence."""
-    return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]]))

@@ -687,14 +687,10 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     for name in ('noise', 'gripper_sign', 'plates', 'uncertainty', 'tolerance', 'region'):
         if getattr(one, name) != getattr(other, name):
             parts.append('model' if name == 'gripper_sign' else name)
-    return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
-
-
-def _are_others(one: Identification, other: Identification) -> bool:
-    """Whether two identifications are of another robot, cell or sensor; the people may be others."""
+    # the people may be others
     things = ('robot', 'serial_number', 'cell', 'sensor', 'sensor_serial_number')
-    a, b = one.given(), other.given()
-    return any(a[name] != b[name] for name in things if name in a and name in b)
+    pairs = ((getattr(one.identification, name), getattr(other.identification, name)) for name in things)
+    return parts + ['identification'] * any(a and b and a != b for a, b in pairs)
 
 
 def _check_uncertainty(where: str, std: float) -> None:
