@@ -15,6 +15,7 @@ A direction of L̄ is unidentifiable for either of two reasons.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import MOMENTS, NAMES
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
@@ -44,6 +45,31 @@ def scales_of(model: ExtendedModel) -> Floats:
     return np.concatenate([base, model.effect_scales]) if model.effects else base
 
 
+class Combination(NamedTuple):
+    """A sum of confounded parameters that the data do determine.
+
+    Attributes:
+        first: name of the one.
+        factor: of the other.
+        second: name of the other.
+        value: estimate of first + factor · second.
+        std: its standard deviation.
+        unit: its unit.
+    """
+
+    first: str
+    factor: float
+    second: str
+    value: float
+    std: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """The sum, such as ``g_ee + 40.0 p_ee``."""
+        return f'{self.first} {"-" if self.factor < 0 else "+"} {abs(self.factor):.4g} {self.second}'
+
+
 @dataclass(frozen=True)
 class Identifiability:
     """What the data show.
@@ -53,12 +79,14 @@ class Identifiability:
         condition: condition number of the weighted Jacobian with unit columns, over what is determined.
         confounded: groups of parameters that only together are determined, by name;
             a group of one is a parameter that the data do not determine at all.
+        combinations: what of each pair is determined all the same.
         advice: which touches would cure it; empty where nothing is confounded.
     """
 
     rank: int
     condition: float
     confounded: tuple[tuple[str, ...], ...] = ()
+    combinations: tuple[Combination, ...] = ()
     advice: str = ''
 
 
@@ -214,6 +242,26 @@ def condition_number(derivative: Floats) -> float:
     norms = np.linalg.norm(flat, axis=0)
     values = np.linalg.svd(np.linalg.qr(flat / np.where(norms > 0, norms, 1.0), mode='r'), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0 else float('inf')
+
+
+def determined_pairs(directions: Floats, free: Indices, values: Floats, covariance: Floats) -> tuple[Combination, ...]:
+    """For each unidentifiable direction of two parameters, the sum of the two that is determined."""
+    found = []
+    for row in _sparse_rows(directions.T):
+        members = np.flatnonzero(np.abs(row) >= _MEMBER_PART * np.abs(row).max())
+        if len(members) != 2:
+            continue
+        # moving along `row` leaves u + c v as it is for c = -du/dv
+        v, u = (int(free[m]) for m in members)
+        if max(u, v) >= len(NAMES):
+            continue
+        du, dv = row[members[1]] * SCALES[u], row[members[0]] * SCALES[v]
+        factor = -du / dv
+        weights = np.zeros(len(values))
+        weights[u], weights[v] = 1.0, factor
+        std = float(np.sqrt(weights @ covariance @ weights))
+        found.append(Combination(NAMES[u], factor, NAMES[v], float(weights @ values), std, UNITS[NAMES[u]]))
+    return tuple(found)
 
 
 def advise(groups: tuple[tuple[str, ...], ...], mean_force: float) -> str:

@@ -29,6 +29,7 @@ from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
     advise,
     condition_number,
+    determined_pairs,
     group_names,
     scales_of,
 )
@@ -340,13 +341,14 @@ def build_result(
     std = np.sqrt(np.diag(covariance))
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
-    held = model.held.union(fixed)
+    held, values = model.held.union(fixed), model.as_array()
     free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
     groups = group_names(found.unidentifiable, free, model, std)
     identifiability = Identifiability(
         rank=len(free) - found.unidentifiable.shape[1],
         condition=condition_number(changes),
         confounded=groups,
+        combinations=determined_pairs(found.unidentifiable, free, values, covariance),
         advice=advise(groups, mean_force),
     )
     confounded = {name for group in identifiability.confounded for name in group}

@@ -156,13 +156,14 @@ def _touches(outcome: Outcome) -> Document:
 
 def _identifiability(c: Calibration) -> Document:
     """That of the base model's parameters; groups of effects' parameters alone have a key of their own."""
-    found = c.identifiability
+    found, keys = c.identifiability, ('text', 'value', 'std', 'unit')
     own = [group for group in found.confounded if set(group) & set(c.parameters.names)]
     return {
         'rank': c.base_rank,
         'condition': found.condition,
         'confounded': own,
         'confounded_effects': [group for group in found.confounded if group not in own],
+        'combinations': [{key: getattr(item, key) for key in keys} for item in found.combinations],
         'advice': found.advice,
     }
 

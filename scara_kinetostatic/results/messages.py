@@ -100,6 +100,9 @@ def identifiability(outcome: Outcome) -> list[str]:
     for group in found.confounded:
         names = ['all twelve parameters', *(n for n in group if n not in NAMES)] if set(NAMES) <= set(group) else group
         lines.append(f'Not determined: {", ".join(names)}; other values fit as well.')
+    for item in found.combinations:
+        value = shown(item.value, item.std, item.unit).text
+        lines.append(f'Only the combination {item.text} (factor in SI units) = {value} is determined.')
     return lines
 
 

@@ -15,7 +15,7 @@ from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame
-from scara_kinetostatic.model.parameters import G_EE, P_EE, PAPER_ACTUAL, PAPER_MEASURED, Parameters
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 
 ROBOTS = (PAPER_ACTUAL, PAPER_MEASURED)
 UNKNOWN = replace(CELL, noise=None)
@@ -103,8 +103,10 @@ def test_one_force_level_ties_gripper_compliance_and_backlash():
         assert (known.rank, known.confounded) == (11, (('p_ee', 'g_ee'),))
         assert found.status['p_ee'] == found.status['g_ee'] == 'confounded'
         assert np.isnan(found.std_of('p_ee')) and 'force' in known.advice
-        off = found.parameters.as_array() - PAPER_ACTUAL.as_array()
-        assert abs(off[G_EE] + 40 * off[P_EE]) < 2e-5  # what one level determines of the two
+        (combination,) = known.combinations
+        assert combination.text.startswith('g_ee + ')
+        truth = PAPER_ACTUAL.g_ee + float(combination.text.split()[2]) * PAPER_ACTUAL.p_ee
+        assert abs(combination.value - truth) < 4 * combination.std
         z = (found.parameters.as_array() - PAPER_ACTUAL.as_array()) / found.std
         assert np.nanmax(np.abs(z)) < 5 and np.isfinite(z).sum() == 10
 

@@ -10,6 +10,7 @@ import pytest
 
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
@@ -131,6 +132,13 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
 def test_noise_in_words(plain: Outcome, noise: Noise, source: str, expected: str) -> None:
     calibration = replace(plain.calibration, noise=noise, noise_source=source)
     assert expected in messages.noise(replace(plain, calibration=calibration))
+
+
+def test_a_combination_has_its_value(confounded: Outcome) -> None:
+    c = confounded.calibration
+    known = replace(c.identifiability, combinations=(Combination('g1', -12.5, 'p1', 1e-4, 1e-6, 'rad'),))
+    line = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1]
+    assert 'g1 - 12.5 p1 (factor in SI units) = 100.0 ± 1.0 µrad' in line
 
 
 def test_a_command_in_an_action_keeps_the_labels_that_can_be_typed(grown: Outcome) -> None:
