@@ -7,6 +7,7 @@ description states, and what would help.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -344,7 +346,8 @@ def advice(evidence: Evidence) -> str:
     if largest.declared is None or largest.kind == UNDETECTED:
         return 'record more touches'
     every = largest._replace(label=f'{largest.kind}[{", ".join(item.target for item in items)}]')
-    return f'determine the {every.title} more accurately: it dominates'
+    others = COVERAGE_FACTOR * math.hypot(*(item.tip for item in evidence.budget if item.kind != largest.kind))
+    return f'determine the {every.title} more accurately: without that error it is {quantity(others, "m")} there'
 
 
 def to_discriminate(d: Diagnosis) -> str:
