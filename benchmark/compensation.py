@@ -80,7 +80,7 @@ def inverse_errors(count: int = 20000) -> Iterator[tuple[str, float]]:
     """Largest distance of S from H̄(Ḡ(S)), and of H̄(Q) from H̄(Ḡ(H̄(Q))), of each cell and effect, m."""
     random = np.random.default_rng(1)
     for name, setup in SETUPS.items():
-        arm = CalibratedArm.of(calibrate(simulate_touches(setup.cell, setup.truth, setup.plan), setup.cell))
+        arm = calibrate(simulate_touches(setup.cell, setup.truth, setup.plan), setup.cell).arm
         for effect in (None, *catalogue(setup.cell)):
             model = arm.model if effect is None else random_effect(effect, 1).robot(arm.model.parameters)
             if effect is not None and effect.on_object:
@@ -103,9 +103,7 @@ def _inverse_error(predictor: Predictor, poses: Poses) -> float:
 def times(count: int) -> dict[str, Any]:
     """Processor time of a million poses, s, and growth of the memory beyond inputs and results, bytes."""
     setup = SETUPS['paper']
-    predictor = Predictor(
-        CalibratedArm.of(calibrate(simulate_touches(setup.cell, setup.truth, setup.plan), setup.cell))
-    )
+    predictor = Predictor(calibrate(simulate_touches(setup.cell, setup.truth, setup.plan), setup.cell).arm)
     poses = random_poses(setup.truth, count, np.random.default_rng(2))
     joints = predictor.compensate(*poses).joints
     reset_peak_memory()
@@ -134,7 +132,7 @@ def _calibrated(setup: Setup, random: np.random.Generator) -> tuple[Parameters, 
     world = World.draw(setup.cell, random)
     robot = world.robot(setup.truth)
     touches = simulate_touches(world.cell, robot, setup.plan, setup.cell.noise, int(random.integers(2**31)))
-    return robot, CalibratedArm.of(calibrate(world.reported(touches), setup.cell))
+    return robot, calibrate(world.reported(touches), setup.cell).arm
 
 
 def _inside(arm: CalibratedArm, robot: Parameters, poses: Poses) -> dict[str, Floats]:

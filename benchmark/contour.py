@@ -113,7 +113,7 @@ def played(robot: ExtendedModel, outline: Outline | Ellipse, force: float, seed:
 def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) -> list[Held]:
     """The contours of one calibration; the engine has no ellipse."""
     outcome = calibrated(robot, seed)
-    base, final = CalibratedArm.of(outcome.calibration), CalibratedArm.of(outcome.final)
+    base, final = outcome.calibration.arm, outcome.final.arm
     exact = known_exactly(final, robot)
     found = []
     for number, (name, outline) in enumerate(OBJECTS.items()):

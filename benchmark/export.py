@@ -72,7 +72,7 @@ def main() -> int:
     if not any(map(importlib.util.find_spec, LIBRARIES)):
         print(f'none of {", ".join(LIBRARIES)} is installed: pip install yourdfpy pin xacro', file=sys.stderr)
         return 2
-    arm = CalibratedArm.of(calibrate(simulate(CELL, PAPER_ACTUAL), CELL))
+    arm = calibrate(simulate(CELL, PAPER_ACTUAL), CELL).arm
     joints = np.random.default_rng(0).uniform(-np.pi, np.pi, (args.poses, 2))
     expected = forward(arm.model.parameters, joints)
     figures: dict[str, float] = {}

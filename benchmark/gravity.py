@@ -17,7 +17,7 @@ from benchmark.engine_touches import simulate_touches
 from benchmark.urdf import SOURCES, displaced, true_robot, urdf_cell
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import nominal_arm
-from scara_kinetostatic.model.arm import CalibratedArm, Predictor
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -61,7 +61,7 @@ def main(recordings: int) -> None:
                 force = random.uniform(20, 60, 200)[:, None] * np.array([np.cos(angle), np.sin(angle)]).T
                 tip, _ = direct_kinetostatics(truth, joints, force)
                 for errors, nominal in ((before, True), (after, False)):
-                    found = Predictor(CalibratedArm.of(calibration), nominal=nominal).locate(joints, force)
+                    found = Predictor(calibration.arm, nominal=nominal).locate(joints, force)
                     errors.extend(np.hypot(*(found.position - tip)[found.loaded].T))
         rms = np.sqrt(np.mean(np.square(z), axis=0))
         print(f'{name}: {recordings} recordings, {left_out} touches left out, {rejected} rejected; rms of z:')

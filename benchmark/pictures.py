@@ -26,7 +26,6 @@ from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
-from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
@@ -119,8 +118,8 @@ def contour_errors() -> Markup:
     robot = with_effects(PAPER_ACTUAL, [parse_effect(MOVED_DISC, CONTOUR_CELL)])
     outcome = calibrated(robot, 0)
     outline = OBJECTS['disc']
-    contour = trace_contour(slide_along(robot, outline, 15.0, 0), CalibratedArm.of(outcome.final))
-    surfaces = [*surfaces_of(contour, CalibratedArm.of(outcome.calibration)), contour.surface]
+    contour = trace_contour(slide_along(robot, outline, 15.0, 0), outcome.final.arm)
+    surfaces = [*surfaces_of(contour, outcome.calibration.arm), contour.surface]
     errors = [normal_error(outline, surface) for surface in surfaces]
     true = contour.surface - errors[-1][:, None] * contour.normal
     return error_picture(true, contour.normal, errors)

@@ -34,7 +34,7 @@ from benchmark.rehearsal import Rehearsal
 from benchmark.urdf import SOURCES, displaced, masses_of, true_robot, urdf_cell
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
-from scara_kinetostatic.model.arm import CalibratedArm, Predictor
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import Cell, EffectSizes, Lift, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
@@ -198,7 +198,7 @@ def tip_errors(final: Calibration, truth: Parameters, random: np.random.Generato
     angle = random.uniform(-np.pi, np.pi, len(joints))
     force = 40.0 * np.array([np.cos(angle), np.sin(angle)]).T
     tip, _ = direct_kinetostatics(truth, joints, force)
-    found = [Predictor(CalibratedArm.of(final), nominal=nominal).locate(joints, force) for nominal in (True, False)]
+    found = [Predictor(final.arm, nominal=nominal).locate(joints, force) for nominal in (True, False)]
     before, after = (float(1e6 * np.sqrt(np.nanmean(((one.position - tip) ** 2).sum(axis=1)))) for one in found)
     return before, after
 

@@ -363,7 +363,7 @@ def trace_contour(
 
     Example:
         >>> import scara_kinetostatic as sk
-        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', sk.load_cell('cell.yaml')))
+        >>> arm = sk.diagnose('touches.csv', sk.load_cell('cell.yaml')).arm
         >>> contour = sk.trace_contour('slide.mcap', arm)
         >>> outline = contour.outlines[0]
         >>> outline.closed, round(1e3 * outline.length)
@@ -449,7 +449,7 @@ def _metadata(
 def _arm(result: Outcome | Calibration | CalibratedArm) -> CalibratedArm:
     if isinstance(result, CalibratedArm):
         return result
-    return CalibratedArm.of_outcome(result) if isinstance(result, Outcome) else CalibratedArm.of(_final(result))
+    return result.arm if isinstance(result, Outcome) else _final(result).arm
 
 
 def _final(result: Outcome | Calibration) -> Calibration:

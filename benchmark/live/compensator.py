@@ -109,7 +109,7 @@ class Driver(Node):
 def arms(label: str) -> list[CalibratedArm]:
     """Two calibrations that differ so much that a mixture of them would be seen."""
     c = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
-    arm = CalibratedArm.of(c)
+    arm = c.arm
     if label:
         effect = find(CELL, label)
         model = ExtendedModel(arm.model.parameters, (effect,), (effect.typical,))

@@ -7,6 +7,7 @@ description states, and what would help.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -17,18 +18,16 @@ from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import RIVALS, VALUE, DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
-from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Improvement, best_improvement, source_title
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
-from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
 _RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
@@ -270,43 +269,14 @@ def alike(evidence: Evidence) -> Iterator[Remark]:
 
 def places(evidence: Evidence) -> Iterator[Remark]:
     """Touches that cover a small part of the workspace."""
-    c = evidence.final
-    if any(set(group) & set(NAMES[:GEOMETRY]) for group in c.identifiability.confounded):
-        return
-    # all round the base, the elbow neither nearly stretched nor nearly folded
-    angles = np.linspace(-np.pi, np.pi, 12, endpoint=False), np.deg2rad(np.linspace(20.0, 160.0, 8))
-    first, second = (axis.ravel() for axis in np.meshgrid(*angles, indexing='ij'))
-    postures = np.unique(c.touches.posture[c.used])
-    joints = np.concatenate([np.stack([first, posture * second], axis=-1) for posture in postures])
-    joints = joints[c.cell.region.holds(forward(c.parameters, joints)) & c.cell.can_take(joints)]
-    touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
-    worst = int(np.argmax(std)) if len(std) else -1
-    if touched > 0 and worst >= 0 and std[worst] > Limits.extrapolation * touched:
-        x, y = forward(c.parameters, joints[worst])
-        sizes = f'{quantity(float(std[worst]), "m")} (1 σ), at the touches by {quantity(touched, "m")}'
-        reason = f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m'
+    tip = evidence.tip_uncertainty
+    if tip.at is not None and not tip.worst <= Limits.extrapolation * tip.median_touched:
+        reason = f'the touches cover a small part of the {evidence.final.cell.region.title}: at {tip.at.title} the tip '
         action = 'use it near the touches, or touch objects that are farther apart'
-        yield Remark(Grade.CAUTION, f'{reason} the tip is uncertain by {sizes}', action)
-
-
-def _tip_std(c: Calibration, joints: Floats) -> Floats:
-    """Standard uncertainty of the unloaded tip H(L̄, Q) in the direction where it is largest, (n,), m."""
-    derivative = forward_by_parameters(c.parameters, joints)[..., :GEOMETRY]
-    covariance = tip_covariance(derivative, c.covariance[:GEOMETRY, :GEOMETRY])
-    return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
-
-
-_ACTIONS = {
-    'object_position': 'measure the place of {} to {}',
-    'object_radius': 'measure the radius of {} to {}',
-    'plate_position': 'measure where plate {} lies to {}',
-    'plate_angle': 'measure the rotation of plate {} to {}',
-    'radius': 'measure the radius of the tip to {1}',
-    'force_gain': 'calibrate the gain of the force sensor to {1}',
-    'force_rotation': 'measure the rotation of the force sensor to {1}',
-    'nominal': 'find out {} to {}',
-}
-"""What to do about a source of uncertainty, by its kind: of what, and to which uncertainty."""
+        known = np.isfinite(tip.median_touched)
+        than = 'far more than between the touches' if known else 'and no place is between the touches'
+        worst = f'is uncertain by {quantity(tip.worst, "m")} (k = 2), {than}'
+        yield Remark(Grade.CAUTION, f'{reason}{worst}', action)
 
 
 def conformity(evidence: Evidence) -> Iterator[Remark]:
@@ -331,11 +301,8 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
     elif found.touched is Decision.CONFORMS:
         between = quantity(tip.worst_touched, 'm')
         reason += f', and wherever the joint angles are between those of the touches (up to {between})'
-    action = advice(evidence) or 'use it only where the tolerance is met'
-    if evidence.improvements and not any(item.worst <= tolerance for item in evidence.improvements):
-        action += f'; no single measurement meets the tolerance of {limit}'
     beyond = found.touched is Decision.DOES_NOT_CONFORM or found.share < 0.5
-    yield Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action)
+    yield Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, advice(evidence))
 
 
 def stated_conformity(evidence: Evidence) -> str:
@@ -364,31 +331,23 @@ def kept(evidence: Evidence) -> Iterator[str]:
 
 
 def advice(evidence: Evidence) -> str:
-    """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
-    worst = evidence.tip_uncertainty.worst
-    largest = max(evidence.budget, key=lambda item: item.tip).label
-    for effect in (item.effect for item in evidence.diagnosis.found):
-        if largest == f'{VALUE}[{effect.label}.{effect.grid_parameter}]':
-            return f'record {effect.identified_by}: the choice of {effect.grid_parameter} dominates'
-    if largest == RIVALS:
-        touches, d = 'make the touches that tell the possible causes apart', evidence.diagnosis
-        discriminate = to_discriminate(d) if d.discriminating == () else touches
-        return f'{discriminate}: the choice among them dominates'
-    best = best_improvement(evidence.improvements, worst, evidence.final.cell.tolerance)
-    if best is None:
-        return ''
-    falls = f'from {quantity(worst, "m")} to {quantity(best.worst, "m")}'
-    return f"{action_for(best)}: the tip's expanded uncertainty, where it is largest, falls {falls}"
-
-
-def action_for(item: Improvement) -> str:
-    """What to do, in the imperative: ``measure the place of disc_2 to 5 µm``."""
-    if item.labels == (NOISE,):
-        return f'record {item.wanted:.0f} touches of the same kind instead of {item.declared:.0f}'
-    kind = item.labels[0].partition('[')[0]
-    target = ', '.join(label.rstrip(']').partition('[')[2] for label in item.labels)
-    size = f'{100 * item.wanted:g} %' if item.unit == '1' else quantity(item.wanted, item.unit)
-    return _ACTIONS.get(kind, f'find out the {source_title(item.labels[0])} to {{1}}').format(target, size)
+    """What to do about the kind of source that contributes most to the uncertainty of the tip, in the imperative."""
+    kinds: dict[str, list[Item]] = {}
+    for item in evidence.budget:
+        kinds.setdefault(item.kind, []).append(item)
+    items = max(kinds.values(), key=lambda alike: sum(item.tip**2 for item in alike))
+    largest, d = max(items, key=lambda item: item.tip), evidence.diagnosis
+    if largest.kind == RIVALS:
+        touches = 'make the touches that tell the possible causes apart'
+        return f'{to_discriminate(d) if d.discriminating == () else touches}: the choice among them dominates'
+    if largest.kind == VALUE:
+        label, _, name = largest.target.rpartition('.')
+        return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
+    if largest.declared is None or largest.kind == UNDETECTED:
+        return 'record more touches'
+    every = largest._replace(label=f'{largest.kind}[{", ".join(item.target for item in items)}]')
+    others = COVERAGE_FACTOR * math.hypot(*(item.tip for item in evidence.budget if item.kind != largest.kind))
+    return f'determine the {every.title} more accurately: without that error it is {quantity(others, "m")} there'
 
 
 def to_discriminate(d: Diagnosis) -> str:

@@ -29,14 +29,8 @@ from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.result import Calibration, HeldOut
 from scara_kinetostatic.calibration.solver import ActivePrior
-from scara_kinetostatic.calibration.tip_uncertainty import (
-    COVERAGE_FACTOR,
-    TipUncertainty,
-    Workspace,
-    tip_uncertainty,
-    workspace,
-)
-from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item, improvements, uncertainty_budget
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
+from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -173,14 +167,9 @@ class Evidence:
         return leverages(self.final)
 
     @cached_property
-    def workspace(self) -> Workspace:
-        """Of the calibrated arm."""
-        return workspace(self.final)
-
-    @cached_property
     def tip_uncertainty(self) -> TipUncertainty:
         """Expanded uncertainty of the tip over the workspace."""
-        return tip_uncertainty(self.final, self.workspace)
+        return tip_uncertainty(self.final)
 
     @cached_property
     def object_left_out(self) -> float:
@@ -197,11 +186,6 @@ class Evidence:
     def conformity(self) -> Conformity | None:
         """The tip's uncertainty against the tolerance; None where there is none, or it is not determined."""
         return conformity(self.final, self.tip_uncertainty)
-
-    @cached_property
-    def improvements(self) -> list[Improvement]:
-        """What would reduce the uncertainty of the tip, the most effective first."""
-        return improvements(self.final, self.workspace)
 
     @cached_property
     def mistake(self) -> Mistake | None:

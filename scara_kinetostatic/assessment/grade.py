@@ -144,7 +144,6 @@ class Limits:
     and g_ee need two levels; at 1.5 their columns are still nearly proportional.
     """
     extrapolation: float = 10.0
-    """Largest standard uncertainty of the unloaded tip in the workspace, in the median of those at the touches, above
-    which the touches cover too small a part of it: caution. Source: one order of magnitude; three discs in an even plan
-    give 3.
+    """Largest expanded uncertainty of the tip in the workspace, in its median between the touches, above which the
+    touches cover too small a part of it: caution. Source: one order of magnitude; three discs in an even plan give 2.
     """

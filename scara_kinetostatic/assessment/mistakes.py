@@ -188,9 +188,6 @@ class Check(NamedTuple):
         elif value < -_Limits.least_tip:
             statement += ', or the radius of the tip is missing'
             action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
-        elif value > 0 and np.abs(value / cell.radii - 0.5).max() <= 0.5:
-            statement += ', or each is the diameter of its disc'
-            action += ', or halve the radii and add the radius of the tip'
         given = f' ± {1e3 * std:.2g}' if std else ''
         why = 'a backlash is not negative' if value < 0 else 'a backlash is not so large'
         evidence = f'else the backlash of the gripper, g_ee, would be {1e3 * value:.3g}{given} mm; {why}'
@@ -255,7 +252,7 @@ def wrong_unit(joints: Floats, force: float) -> Mistake | None:
     """
     degrees = [f'joint {k + 1}' for k in (0, 1) if np.abs(joints[:, k]).max(initial=0.0) > _Limits.largest_angle]
     if degrees:
-        statement = f'the angles of {_listed(degrees)} are in degrees, not in rad'
+        statement = f'the angles of {" and ".join(degrees)} are in degrees, not in rad'
         return Mistake('joint angles', statement, 'give them in rad', in_cell=False, is_gross=True)
     if _Limits.faint < force < _Limits.huge:
         return None
@@ -416,13 +413,8 @@ def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
     wrong = np.flatnonzero(named != met)
     if len(wrong) <= _Limits.mislabelled * len(named):
         return None
-    pairs = sorted({(int(named[k]), int(met[k])) for k in wrong})
-    names = [disc.name for disc in cell.discs]
-    if all((b, a) in pairs for a, b in pairs):
-        statement = f'{_listed([names[a] for a, _ in pairs])} are swapped: touches that name one of them meet the other'
-        return Mistake('objects', statement, 'exchange their names, in the cell description or in the touches')
-    a, b = pairs[0]
-    statement = f'{len(wrong)} of {len(named)} touches name a wrong object: {names[a]} where they meet {names[b]}'
+    a, b = (cell.discs[int(objects[wrong[0]])].name for objects in (named, met))
+    statement = f'{len(wrong)} of {len(named)} touches name a wrong object, such as {a} where they meet {b}'
     action = 'correct the names, or leave them out: objects are found by place'
     return Mistake('object', statement, action, in_cell=False)
 
@@ -528,11 +520,6 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candida
     ratio = round(part if origin is Origin.ARRAYS else cell.direction[0] * cell.direction[1] * part + cell.coupling, 4)
     statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
     where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
-    if abs(ratio - 1) < _Limits.least_coupling:
-        ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
-        action = 'set robot.coupling to 1'
-    if abs(ratio) < _Limits.least_coupling:
-        statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
     yield _Candidate(where, statement, action, mended), fit
@@ -607,8 +594,3 @@ def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
         name, free = NAMES[j], np.where(np.arange(len(r.free)) == j, 1.0, r.free)
         statement = f'the fixed value {r.nominal[j]:g} {UNITS[name]} of {name} contradicts the touches'
         yield _Candidate(f'fixed {name}', statement, 'correct it, or leave the parameter free', r._replace(free=free))
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names in a sentence."""
-    return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]]))

@@ -7,7 +7,6 @@ from contextlib import suppress
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, covariance_of_fit, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
@@ -57,9 +56,8 @@ def calibrate(
         gravity, touches that do not tell the flank of a joint are left out: they are in `rejected`, not in `touches`.
 
     Raises:
-        ParameterError: `fixed` names no parameter, gives a senseless value, holds an effect whose size the cell
-            declares as uncertain, or leaves nothing free; a touch names no disc of the cell; `start` or `warm_start`
-            has other effects.
+        ParameterError: `fixed` names no parameter, gives a senseless value, or leaves nothing free; a touch names no
+            disc of the cell; `start` has other effects.
         UnsupportedDataError: too few touches for the free parameters, touches so much
             alike that they determine less than half of them, or a fit that diverges.
         InputError: the forces do not point at the discs.
@@ -81,10 +79,7 @@ def calibrate(
         remedy = 'take it from catalogue(cell), by its label'
         raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
     start = _start(cell, effects, start, fixed)
-    _check_held(start, cell, fixed)
     if warm_start is not None:
-        if warm_start.model.effects != start.effects:
-            raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
         warm_start = warm_start._replace(model=_with_fixed(warm_start.model, fixed))
     held = start.held.union(fixed)
     free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
@@ -246,17 +241,6 @@ def _start(
     return start
 
 
-def _check_held(model: ExtendedModel, cell: Cell, fixed: Mapping[str, float]) -> None:
-    """Refuses an effect that is held, and an unknown error of the cell as well."""
-    if not model.effects or (declared := DeclaredErrors.of(cell)) is None:
-        return
-    for law in model.effects:
-        source = getattr(law, 'declared_as', '') or law.label
-        if source in declared.places and all(f'{law.label}.{p.name}' in fixed for p in law.parameters):
-            problem = f'is held, and the cell description declares an uncertainty of {source}'
-            raise ParameterError(f'fixed effect {law.label}', problem, 'correct the cell description instead')
-
-
 def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedModel:
     if not fixed:
         return model
@@ -275,13 +259,9 @@ def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
             raise ParameterError(f'fixed parameter {name}', f'expected a number, got {value!r:.40}')
-        _check_finite('fixed parameter', name, float(value), f'{value:g}')
+        if not np.isfinite(value):
+            raise ParameterError(f'fixed parameter {name}', f'expected a finite number, got {value:g}')
     return values
-
-
-def _check_finite(where: str, name: str, value: float, text: str) -> None:
-    if not np.isfinite(value):
-        raise ParameterError(f'{where} {name}', f'expected a finite number, got {text}')
 
 
 def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]]:
@@ -320,11 +300,9 @@ def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
     if not sign:
         return name, None
     try:
-        number = float(value)
+        return name, float(value)
     except ValueError:
         raise ParameterError(f'{where} {name}', f'expected a number, got {value!r}') from None
-    _check_finite(where, name, number, value)
-    return name, number
 
 
 def fixed_values(texts: Iterable[str], nominal: Parameters, where: str = 'fixed') -> dict[str, float]:
@@ -361,14 +339,12 @@ def fixed_effects(fixed: Mapping[str, float], cell: Cell) -> tuple[Effect, ...]:
         cell: that has the joints and discs.
 
     Raises:
-        ParameterError: no such effect or parameter, or not all parameters of an effect.
+        ParameterError: no such effect, or not all parameters of one.
     """
     effects = []
     for label in dict.fromkeys(name.rpartition('.')[0] for name in fixed if '.' in name):
         effect = find(cell, label)
         names = [f'{label}.{p.name}' for p in effect.parameters]
-        for name in (name for name in fixed if name.rpartition('.')[0] == label and name not in names):
-            raise ParameterError(f'fixed parameter {name}', 'no such parameter', did_you_mean(name, names))
         missing = [name for name in names if name not in fixed]
         if missing:
             problem = f'{missing[0]} is free: an effect is held by all of its parameters'

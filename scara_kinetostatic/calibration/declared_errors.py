@@ -239,9 +239,14 @@ class Prior(NamedTuple):
     def rows(self, values: int) -> Floats:
         """Derivatives of the residuals by all values of a model and the errors, (p + m, values + m)."""
         rows = np.zeros((len(self.trusted) + self.errors, values + self.errors))
-        rows[np.arange(len(self.trusted)), self.trusted] = 1 / self.std
+        rows[np.arange(len(self.trusted)), self.trusted] = self._weights
         rows[len(self.trusted) :, values:] = np.eye(self.errors)
         return rows
+
+    @property
+    def _weights(self) -> Floats:
+        """Of the known values, (p,): the size of an effect that a fit rules out may be estimated as 0."""
+        return np.asarray(1 / np.maximum(self.std, 1e-30))
 
     def by_source(self) -> list[tuple[Source, Indices]]:
         """The sources with the positions of their rows; those of one label are one."""
@@ -264,7 +269,7 @@ class Prior(NamedTuple):
 
     def residual(self, values: Floats, errors: Floats) -> Floats:
         """Residuals, (p + m,), in standard uncertainties."""
-        return np.concatenate([(values[self.trusted] - self.mean) / self.std, errors])
+        return np.concatenate([(values[self.trusted] - self.mean) * self._weights, errors])
 
 
 NOTHING_KNOWN = Prior((), np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0), 0)

@@ -378,12 +378,6 @@ def by_touch(*shape: int) -> Floats:
     return np.empty(shape).transpose()
 
 
-def outer(matrices: Floats) -> Floats:
-    """B Bᵀ of (n, 2, k) matrices, (n, 3): the entries 11, 21, 22."""
-    first, second = matrices[:, 0], matrices[:, 1]
-    return np.stack([(first * first).sum(-1), (first * second).sum(-1), (second * second).sum(-1)], axis=-1)
-
-
 def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
     """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
     along, crossed, across = force_covariance(noise, linear.force)
@@ -414,6 +408,12 @@ def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
     second += columns[..., 1, :]
     second /= l22
     return out.transpose()
+
+
+def whitened_square(matrices: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
+    """L⁻¹ B Bᵀ L⁻ᵀ of (n, 2, k) matrices B, (n, 2, 2)."""
+    rows = whiten_by(matrices, root)
+    return rows @ rows.swapaxes(1, 2)
 
 
 def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise: Noise, side: int) -> Floats:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point
-from scara_kinetostatic.calibration.gauss_helmert import Linearisation, outer, whiten_by
+from scara_kinetostatic.calibration.gauss_helmert import Linearisation, whitened_square
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise
 
@@ -64,7 +64,7 @@ def estimate_noise(
     linear, whitened, free = point.linear, point.whitened, estimated_levels(noise, stated)
     size = np.array([max(getattr(noise, key), _LEAST[key]) ** 2 for key in free])
     by = {'joint': linear.by_joints, 'force': linear.by_force}
-    parts = [whiten_matrix(outer(by[key]) if key in by else growing(linear), whitened.root) for key in free]
+    parts = [whitened_square(by[key] if key in by else growing(linear), whitened.root) for key in free]
     parts.append(np.eye(2) - np.tensordot(size, np.array(parts), 1))  # V less these
     r, jacobian, count = whitened.residual, whitened.jacobian, len(free)
     weighted = [part @ jacobian for part in parts]
@@ -94,9 +94,8 @@ def estimate_noise(
 
 
 def growing(linear: Linearisation) -> Floats:
-    """V_l of noise as large as the force, (n, 3)."""
-    square = (linear.force**2).sum(axis=1)
-    return outer(linear.by_force) * square[:, None]
+    """B of V_l = B Bᵀ of noise as large as the force, (n, 2, 2)."""
+    return linear.by_force * np.hypot(*linear.force.T)[:, None, None]
 
 
 def _distinguishable(matrix: Floats, vector: Floats) -> Floats:
@@ -122,10 +121,3 @@ def _bounded(old: Noise, levels: dict[str, float]) -> Noise:
     """A noise with new levels, each within a factor of 10 of the old one and not below the least."""
     bounds = {key: (getattr(old, key) / 10.0, getattr(old, key) * 10.0) for key in levels}
     return old._replace(**{key: max(_LEAST[key], float(np.clip(levels[key], *bounds[key]))) for key in levels})
-
-
-def whiten_matrix(entries: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
-    """L⁻¹ V L⁻ᵀ for symmetric (n, 3) entries 11, 21, 22, as (n, 2, 2)."""
-    v11, v21, v22 = entries.T
-    rows = whiten_by(np.array([[v11, v21], [v21, v22]]).transpose(2, 0, 1), root)
-    return whiten_by(rows.swapaxes(1, 2), root)

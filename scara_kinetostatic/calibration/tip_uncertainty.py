@@ -17,8 +17,7 @@ worst counts; where the cell has a region or limits of the joints, the poses tha
 a posture that was not touched, that as well. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is
 stretched. Places whose joint angles are not between those of the touches are extrapolated; the map says which.
 
-The play of a joint without load is not part of it: this is a property of the arm, not of the calibration
-(`TipUncertainty.lost_motion`).
+The play of a joint without load is not part of it: this is a property of the arm, not of the calibration.
 """
 
 from __future__ import annotations
@@ -45,6 +44,7 @@ from scara_kinetostatic.model.kinematics import (
 )
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques, pull_of_links
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.tip import with_effects
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
@@ -124,8 +124,6 @@ class TipUncertainty(NamedTuple):
         median_touched: the median where the joint angles are between those of the touches, m.
         worst_touched: the largest there, m.
         undetermined: part of the places where the data do not determine it, 0 to 1.
-        lost_motion: the largest distance of the tip from the middle of the joints' dead bands without load, m; it is
-            not contained.
         maps: of each posture.
         alone: part of the places that the limits of the joints leave to the left posture alone, and to the right one.
     """
@@ -136,7 +134,6 @@ class TipUncertainty(NamedTuple):
     median_touched: float
     worst_touched: float
     undetermined: float
-    lost_motion: float
     maps: tuple[UncertaintyMap, ...]
     alone: tuple[float, float]
 
@@ -163,10 +160,6 @@ class Workspace(NamedTuple):
     touched: Mask
     derivative: Floats
     dependent: Floats
-
-    def std(self, covariance: Floats) -> Floats:
-        """Standard uncertainty of the tip in the worst direction and under the worst force, (P,), m."""
-        return np.asarray(np.sqrt(self.variances(covariance).max(axis=1)))
 
     def variances(self, covariance: Floats) -> Floats:
         """In the worst direction, place by place and force by force, (P, forces), m²; NaN where undetermined."""
@@ -196,24 +189,10 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     base = tip_by_parameters(p, links, force, c.cell.gripper_sign.factor, at)
     if not c.full_model.effects:
         return base
-    return np.concatenate([base, _by_effects(c, poses, links, torques)], axis=-1)
-
-
-def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) -> Floats:
-    """∂S/∂(values of the effects), (n, 2, k): d - J δ of each; an effect on the object does not displace the tip."""
-    n, p = len(links), c.parameters
-    metadata, turns = TouchMetadata.plain(n)._replace(posture=poses.posture), jacobian(p, links)
-    at = TouchState.of_poses(p, poses.joints, poses.force, torques, link_vectors(p, links), forward(p, links), metadata)
-    columns = []
-    for effect, values in c.full_model.pairs:
-        for shift in effect.derivative(at, values):
-            column = np.zeros((n, 2))
-            if shift.joints is not None:
-                column -= np.einsum('nij,nj->ni', turns, shift.joints)
-            if shift.place is not None and not effect.on_object:
-                column += shift.place
-            columns.append(column)
-    return np.stack(columns, axis=-1) if columns else np.zeros((n, 2, 0))
+    metadata = TouchMetadata.plain(len(links))._replace(posture=poses.posture)
+    vectors, rigid = link_vectors(p, links), forward(p, links)
+    state = TouchState.of_poses(p, poses.joints, force, torques, vectors, rigid, metadata)
+    return with_effects(base, c.full_model, jacobian(p, links), np.ones(len(links)), state)
 
 
 def possible_poses(p: Parameters, cell: Cell, places: Floats, reached: Mask) -> Mask:
@@ -302,19 +281,12 @@ def _is_between(joints: Floats, touched: Floats) -> Mask:
     return np.asarray(np.all(wrap(joints - centre) @ hull.equations[:, :2].T <= -hull.equations[:, 2], axis=1))
 
 
-def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncertainty:
-    """Expanded uncertainty of the tip over the workspace.
-
-    Args:
-        c: the calibration.
-        area: its workspace, where there is one.
-    """
-    area = workspace(c) if area is None else area
+def tip_uncertainty(c: Calibration) -> TipUncertainty:
+    """Expanded uncertainty of the tip over the workspace of a calibration."""
+    area = workspace(c)
     variances = area.variances(c.covariance)
     expanded = COVERAGE_FACTOR * np.sqrt(variances.max(axis=1))
     known = np.isfinite(expanded)
-    turns = jacobian(c.parameters, area.poses.joints)
-    first, second = turns[..., 0] * abs(c.parameters.g1), turns[..., 1] * abs(c.parameters.g2)
     values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
     values[area.reached], touched[area.reached] = expanded, area.touched
     maps = zip(POSTURES, values, touched, area.reached, strict=True)
@@ -325,7 +297,6 @@ def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncerta
         median_touched=_statistic(np.median, expanded[known & area.touched]),
         worst_touched=_statistic(np.max, expanded[known & area.touched]),
         undetermined=float(np.mean(~known)),
-        lost_motion=float(np.max([np.hypot(*(first + second).T), np.hypot(*(first - second).T)])),
         maps=tuple(UncertaintyMap(side, area.x, area.y, u, near) for side, u, near, some in maps if some.any()),
         alone=area.alone,
     )

@@ -347,7 +347,7 @@ class Contour:
 
     Example:
         >>> import scara_kinetostatic as sk
-        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', sk.load_cell('cell.yaml')))
+        >>> arm = sk.diagnose('touches.csv', sk.load_cell('cell.yaml')).arm
         >>> contour = sk.trace_contour('slide.mcap', arm)
         >>> contour.surface.shape == contour.normal.shape == (len(contour), 2)
         True

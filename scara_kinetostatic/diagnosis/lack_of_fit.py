@@ -28,8 +28,8 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
-from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
-from scara_kinetostatic.calibration.noise_estimation import growing, whiten_matrix
+from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by, whitened_square
+from scara_kinetostatic.calibration.noise_estimation import growing
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import (
@@ -158,8 +158,8 @@ def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     left = residual - base @ (base.T @ residual)
     # the limit keeps exact data solvable
     size = max(float(left @ left) / max(len(left) - base.shape[1], 1), 1e-12)
-    variances = _variances(c, observations.radii, point)
-    kinds = [whiten_matrix(variances[name], point.whitened.root) for name in (*beside, kind)]
+    roots = _roots_of_variances(c, observations.radii, point)
+    kinds = [whitened_square(roots[name], point.whitened.root) for name in (*beside, kind)]
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     e = (left / np.sqrt(size)).reshape(-1, 2)
@@ -171,17 +171,17 @@ def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     return float(value / np.sqrt(variance)) if variance > 0 else 0.0
 
 
-def _variances(c: Calibration, radii: Floats, point: Point) -> dict[str, Floats]:
-    """Each kind of variance of each touch, of about unit size when whitened, (n, 2, 2)."""
+def _roots_of_variances(c: Calibration, radii: Floats, point: Point) -> dict[str, Floats]:
+    """B of each kind of variance B Bᵀ of each touch, of about unit size when whitened, (n, 2, k)."""
     linear, noise = point.linear, c.noise
     by_off_normal = np.zeros((len(radii), 2, 1))
     by_off_normal[:, 1, 0] = 0.01 * radii  # scale of the angles, rad; the p-value does not depend on it
     square = float((linear.force**2).sum(axis=1).mean())
     return {
-        JOINT: noise.joint_rms**2 * outer(linear.by_joints),
-        FORCE: noise.force_rms**2 * outer(linear.by_force),
-        GROWING: noise.force_rms**2 / square * growing(linear),
-        OFF_NORMAL: outer(by_off_normal),
+        JOINT: noise.joint_rms * linear.by_joints,
+        FORCE: noise.force_rms * linear.by_force,
+        GROWING: noise.force_rms / np.sqrt(square) * growing(linear),
+        OFF_NORMAL: by_off_normal,
     }
 
 

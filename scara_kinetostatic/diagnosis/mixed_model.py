@@ -35,9 +35,9 @@ import numpy as np
 from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, VALUE, Prior, RandomEffects, Source
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
 from scara_kinetostatic.calibration.fit_point import Point, base_force, select
-from scara_kinetostatic.calibration.gauss_helmert import outer
+from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, whiten_matrix
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels
 from scara_kinetostatic.calibration.result import (
     Calibration,
     Contribution,
@@ -312,7 +312,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     point = select(c.projection, c.used)
     fitted, columns, residual = _columns(c, point, base)
     columns, trusted, noise_free = columns * sizes.scale, _trusted_rows(c, base), c.cell.noise is None
-    of_joints = whiten_matrix(outer(point.linear.by_joints) * c.noise.joint_rms**2, point.whitened.root)
+    of_joints = whitened_square(point.linear.by_joints * c.noise.joint_rms, point.whitened.root)
     levels = levels if noise_free else np.ones(2)
     logs = start
     for _ in range(6 if noise_free else 1):

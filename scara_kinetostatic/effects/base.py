@@ -132,11 +132,6 @@ class Effect(EffectLaw):
         return f'{self.name}[{self.target}]' if self.target else self.name
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Each parameter's name behind the effect's."""
-        return tuple(f'{self.label}.{parameter.name}' for parameter in self.parameters)
-
-    @property
     def description(self) -> str:
         """What deviates depending on what, of an effect without a physical meaning; else empty."""
         return ''
@@ -145,11 +140,6 @@ class Effect(EffectLaw):
     def title(self) -> str:
         """What it says of the cell, a clause: ``disc_2 is not where the cell description says``."""
         return self.statement.format(target=re.sub(r'^(joint|link)(?=[12]$)', r'\1 ', self.target or ''))
-
-    @property
-    def subject(self) -> str:
-        """What it is about, the middle part of the names of its ROS parameters: the target, or ``all``."""
-        return self.target or 'all'
 
     @property
     def grid_parameter_index(self) -> int:

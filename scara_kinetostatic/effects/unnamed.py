@@ -93,11 +93,6 @@ class Unnamed(LinearEffect):
         return f'a fitted curve ({self.description})'
 
     @property
-    def subject(self) -> str:
-        """Channel and variable, such as ``joint1_over_q2``."""
-        return f'{self.channel}_over_{self.variable}{f"_of_{self.target}" if self.target else ""}'
-
-    @property
     def on_object(self) -> bool:  # type: ignore[override]
         """Only what one disc does belongs to the object."""
         return self.disc >= 0

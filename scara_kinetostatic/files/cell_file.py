@@ -129,7 +129,7 @@ def cell_description(cell: cells.Cell) -> dict[str, Any]:
         'sensor': {key: v for key, v in sensor.items() if v or (key == 'time_offset' and v is not None)},
         **_given(
             gravity=nominal.gravity if nominal.has_gravity else None,
-            noise=cell.noise and cell.noise.as_dict(as_stated=True),
+            noise=cell.noise and cell.noise.as_dict(),
             model={'gripper_sign': cell.gripper_sign},
             plates=[{'name': plate.name, 'origin': (plate.x, plate.y)} | _stated_stds(plate) for plate in cell.plates],
             uncertainty=_given(

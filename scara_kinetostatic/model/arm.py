@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,17 +68,9 @@ class SensorErrors(NamedTuple):
     rotation: float = 0.0
 
 
-class HasArm(Protocol):
-    """A result of a calibration."""
-
-    @property
-    def arm(self) -> CalibratedArm:
-        """What is needed of it to use it."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibratedArm:
-    """A calibrated arm, from a `Calibration`, or read from a file of it (`files.calibration_file`).
+    """A calibrated arm, `arm` of a `Calibration` or an `Outcome`, or read from a file of it (`files.calibration_file`).
 
     Attributes:
         cell: what was known before; its `nominal` are the parameters of the nominal arm.
@@ -101,7 +93,7 @@ class CalibratedArm:
     Example:
         >>> import scara_kinetostatic as sk
         >>> cell = sk.load_cell('cell.yaml')
-        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', cell))
+        >>> arm = sk.diagnose('touches.csv', cell).arm
         >>> arm.grade, arm.verdict, arm.used.postures
         ('fit', 'explained', (1, -1))
         >>> sk.locate(arm, [0.8, 2.1], [-20.0, 0.0]).position.round(4)
@@ -131,13 +123,6 @@ class CalibratedArm:
     def __repr__(self) -> str:
         effects = ' '.join(effect.label for effect in self.effects) or 'none'
         return f'<CalibratedArm: {self.grade or "not assessed"}, effects: {effects}>'
-
-    @classmethod
-    def of(cls, calibration: HasArm) -> CalibratedArm:
-        """That of a `Calibration`, which nobody has assessed; of the final one of an `Outcome`, with its assessment."""
-        return calibration.arm
-
-    of_outcome = of
 
     @property
     def effects(self) -> tuple[EffectLaw, ...]:

@@ -91,13 +91,10 @@ class Noise(NamedTuple):
         """Of both joints, of both axes of the force, and of the part that grows, (5,)."""
         return (*self.joint_levels, *self.force_levels, self.growth)
 
-    def as_dict(self, *, as_stated: bool = False) -> dict[str, float | list[float]]:
-        """As in a file: one number where both axes are alike, the part that grows where it is known.
-
-        Args:
-            as_stated: whether two equal levels stay two.
-        """
-        found = {'joint': _entry(self.joint, as_stated), 'force': _entry(self.force, as_stated)}
+    def as_dict(self) -> dict[str, float | list[float]]:
+        """As in a file: one number where both axes are alike, the part that grows where it is known."""
+        levels = {'joint': _level(self.joint), 'force': _level(self.force)}
+        found = {key: list(level) if isinstance(level, tuple) else level for key, level in levels.items()}
         return found if self.force_relative is None else found | {'force_relative': self.force_relative}
 
     def force_at(self, magnitude: float) -> float:
@@ -148,14 +145,10 @@ def force_covariance(noise: Noise, force: Floats) -> ForceCovariance:
     return ForceCovariance(by_x + turned + grown, more * x * y, by_y - turned + grown)
 
 
-def _entry(level: Level, as_stated: bool) -> float | list[float]:
-    first, second = _pair(level)
-    is_one = not isinstance(level, tuple) if as_stated else first == second
-    return first if is_one else [first, second]
-
-
 def _level(level: Level) -> Level:
-    return level if isinstance(level, tuple) or not np.shape(level) else (float(level[0]), float(level[1]))
+    """One number where both axes are alike."""
+    first, second = _pair(level)
+    return float(first) if first == second else (float(first), float(second))
 
 
 def _pair(level: Level) -> tuple[float, float]:
@@ -210,17 +203,13 @@ class Plane(NamedTuple):
         return np.asarray((places - np.array(self.origin)) @ self.axes)
 
     @property
+    @lru_cache(maxsize=16)  # noqa: B019 - of all planes together
     def quaternion(self) -> tuple[float, float, float, float]:
         """X, y, z and w of its rotation."""
-        return _quaternion(self)
+        from scipy.spatial.transform import Rotation
 
-
-@lru_cache(maxsize=16)
-def _quaternion(plane: Plane) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(plane.axes).as_quat().tolist()
-    return x, y, z, w
+        x, y, z, w = Rotation.from_matrix(self.axes).as_quat().tolist()
+        return x, y, z, w
 
 
 def axes_problem(x: tuple[float, ...], y: tuple[float, ...]) -> str:
@@ -698,14 +687,10 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     for name in ('noise', 'gripper_sign', 'plates', 'uncertainty', 'tolerance', 'region'):
         if getattr(one, name) != getattr(other, name):
             parts.append('model' if name == 'gripper_sign' else name)
-    return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
-
-
-def _are_others(one: Identification, other: Identification) -> bool:
-    """Whether two identifications are of another robot, cell or sensor; the people may be others."""
+    # the people may be others
     things = ('robot', 'serial_number', 'cell', 'sensor', 'sensor_serial_number')
-    a, b = one.given(), other.given()
-    return any(a[name] != b[name] for name in things if name in a and name in b)
+    pairs = ((getattr(one.identification, name), getattr(other.identification, name)) for name in things)
+    return parts + ['identification'] * any(a and b and a != b for a, b in pairs)
 
 
 def _check_uncertainty(where: str, std: float) -> None:
@@ -717,21 +702,16 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
     """Distance of two objects between the places of the tip on them, m; below 0 where they overlap, -inf if open ones
     cross.
     """
-    if isinstance(one, Disc):
-        one, other = other, one
-    if isinstance(one, Disc):
+    if isinstance(one, Disc) and isinstance(other, Disc):
         return float(np.hypot(one.x - other.x, one.y - other.y) - one.radius - other.radius)
-    if isinstance(other, Disc):
-        places, center = boundary(surfaces_of([one], tip_radius)), np.array([[other.x, other.y]])
-        away = float(np.hypot(*(places - center).T).min())
-        return -away if one.is_closed and inside(places, center)[0] else away - other.radius
     items = one, other
     places, others = lines = [boundary(surfaces_of([item], tip_radius)) for item in items]
     away = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1))
     depths = [away.min(axis=1 - k)[inside(lines[1 - k], lines[k])] for k in (0, 1) if items[1 - k].is_closed]
     if any(depth.size for depth in depths):
         return -float(np.concatenate(depths).max())
-    return -np.inf if crosses(np.array(one.corners), np.array(other.corners)) else float(away.min())
+    corners = [np.array(item.corners) for item in items if isinstance(item, Outline)]
+    return -np.inf if len(corners) == 2 and crosses(*corners) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
@@ -752,21 +732,18 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
     """
     base = np.array([cell.nominal.x0, cell.nominal.y0])
     farthest, nearest = cell.nominal.l1 + cell.nominal.l2, abs(cell.nominal.l1 - cell.nominal.l2)
-    names, found, place = [disc.name for disc in cell.discs], list[str](), f'({base[0]:.4g}, {base[1]:.4g})'
+    names, found = [disc.name for disc in cell.discs], list[str]()
     for disc, name, radius, away in zip(cell.discs, names, radii, np.linalg.norm(centers - base, axis=1), strict=True):
+        first, last, covers = away - radius, away + radius, away <= radius
         if isinstance(disc, Outline):
-            corners = boundary(surfaces_of([disc], cell.tip_radius))
-            reach = np.hypot(*(corners - base).T)
-            if not disc.is_open and inside(corners, base[None])[0]:
-                found.append(f'object {name!r} covers the base of the robot')
-            elif (reach > farthest).all() or (reach < nearest).all():
-                found.append(f'object {name!r} is out of reach of the tip, {nearest:.4g} to {farthest:.4g} m')
-            continue
-        if away <= radius:
-            found.append(f'disc {name!r} covers the base of the robot')
-        elif away - radius > farthest or away + radius < nearest:
-            reach = f'the tip reaches {nearest:.4g} to {farthest:.4g} m'
-            found.append(f'disc {name!r} is out of reach, {away:.4g} m from the base at {place} m where {reach}')
+            line = boundary(surfaces_of([disc], cell.tip_radius))
+            distances = np.hypot(*(line - base).T)
+            first, last, covers = distances.min(), distances.max(), disc.is_closed and inside(line, base[None])[0]
+        if covers:
+            found.append(f'object {name!r} covers the base of the robot')
+        elif first > farthest or last < nearest:
+            span = f'{first:.4g} to {last:.4g} m from the base'
+            found.append(f'object {name!r} is out of reach, {span}; the tip reaches {nearest:.4g} to {farthest:.4g} m')
     for i in range(1, len(radii)):
         gaps = np.linalg.norm(centers[:i] - centers[i], axis=1) - radii[:i] - radii[i]
         if cell.has_outlines:

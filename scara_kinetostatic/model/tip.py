@@ -457,12 +457,19 @@ def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: 
         for (axis, links, gripper), turn in zip(parts, turns, strict=False)
     ]
     found = stacked(rows, jacobian.shape[:-2]).T
-    return found if state is None else _with_effects(found, law, jacobian, force, state)
+    return found if state is None else with_effects(found, law.model, jacobian, np.reshape(force.place, -1), state)
 
 
-def _with_effects(found: Floats, law: Law, jacobian: Floats, force: Force, state: TouchState) -> Floats:
-    """The columns of L̄ and what they change in the effects, then those of the effects' values: d - G δ each."""
-    place = np.reshape(force.place, -1)
+def with_effects(found: Floats, model: ExtendedModel, jacobian: Floats, place: Floats, state: TouchState) -> Floats:
+    """The columns of L̄ and what they change in the effects, then those of the effects' values: d - G δ each.
+
+    Args:
+        found: the columns of L̄, (..., r, 12).
+        model: the model.
+        jacobian: G, (..., r, 2).
+        place: of the gripper in its dead band, (n,), 1 beyond it.
+        state: the poses as effects take them.
+    """
 
     def columns(shifts: Sequence[Shift], dependence: ForceDependence, *, of_robot: bool = True) -> Floats:
         turned, moved = np.zeros((2, len(shifts), len(place), 2))
@@ -477,11 +484,11 @@ def _with_effects(found: Floats, law: Law, jacobian: Floats, force: Force, state
         out[..., :2] = moved
         return np.moveaxis(out - (jacobian @ turned[..., None])[..., 0], 0, -1)
 
-    for name, shift in law.model.acting.shift_by_robot(state).items():
+    for name, shift in model.acting.shift_by_robot(state).items():
         found[..., NAMES.index(name)] += columns([shift], ForceDependence.NONE)[..., 0]
     of_effects = [
         columns(effect.derivative(state, values), effect.force_dependence, of_robot=not effect.on_object)
-        for effect, values in law.model.pairs
+        for effect, values in model.pairs
     ]
     return np.concatenate([found, *of_effects], axis=-1)
 

@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis.diagnose import suspects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_entry
-from scara_kinetostatic.model.arm import CalibratedArm, Predictor
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.report.json_file import Document, plain
 
@@ -41,7 +41,7 @@ def as_document(outcome: Outcome) -> Document:
             'sources': outcome.sources,
             'warnings': outcome.warnings,
             'cell': cell_entry(c.cell),
-            'model': model_entry(CalibratedArm.of_outcome(outcome)),
+            'model': model_entry(outcome.arm),
             'parameters': _parameters(outcome),
             'covariance': _covariance(c, with_effects=False),
             'covariance_extended': _covariance(c, with_effects=True),
@@ -143,7 +143,7 @@ def _touches(outcome: Outcome) -> Document:
     columns['object'] = [c.cell.discs[disc].name for disc in t.disc]
     columns |= {'surface': t.surface} if c.cell.has_outlines else {}
     columns |= {key: getattr(t, key) for key in ('posture', 'joints', 'approach', 'press')}
-    columns |= {'history': t.history} if Predictor(CalibratedArm.of(c)).effects_of('history') else {}
+    columns |= {'history': t.history} if Predictor(c.arm).effects_of('history') else {}
     columns |= {'force': c.force, 'residual': c.residual, 'residual_base_model': before.residual}
     columns |= {'nominal_residual': before.nominal_residual, 'distance': c.standardized, 'used': c.used}
     return {

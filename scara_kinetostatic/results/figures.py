@@ -192,7 +192,7 @@ def uncertainty_figures(outcome: Outcome) -> Figures | None:
         parts.append(f'Thick line: the tolerance, {micrometres(c.cell.tolerance)} µm')
     if tip.undetermined > 0:
         parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the {c.cell.region.title}')
-    parts.append(f'The play of the joints without load, up to {micrometres(tip.lost_motion)} µm, is not contained')
+    parts.append('The play of the joints without load is not contained')
     figures = tuple(Figure(partial(uncertainty_picture, c, each)) for each in known)
     return Figures(figures, '. '.join([*parts, _FADED])) if figures else None
 

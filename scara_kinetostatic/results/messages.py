@@ -107,7 +107,7 @@ def identifiability(outcome: Outcome) -> list[str]:
 
 
 def tip_sentences(outcome: Outcome) -> list[str]:
-    """How uncertain the tip is, what dominates, and what would help most."""
+    """How uncertain the tip is, what dominates, and what to do about that."""
     tip = outcome.tip_uncertainty
     if tip.at is None or not math.isfinite(tip.worst):
         return ['The uncertainty of the tip is not determined by these touches.']
@@ -115,16 +115,11 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
     where = outcome.final.cell.region.title
     sizes = f'at most {micrometres(tip.worst)} µm, at {tip.at.title}, median {micrometres(tip.median)} µm.'
-    help_most = advice(outcome)
-    found = [
+    return [
         f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',
         f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
+        f'To reduce it: {advice(outcome)}.',
     ]
-    left, right = (round(100 * part) for part in tip.alone)
-    if left or right:
-        of = f'the places of the {where} that the arm can take'
-        found.insert(1, f'Within robot.limits {left} % of {of} need the elbow left, {right} % the elbow right.')
-    return [*found, f'What would help most: {help_most}.'] if help_most else found
 
 
 def parameter_table(c: Calibration) -> Table:

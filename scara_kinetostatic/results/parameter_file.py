@@ -45,7 +45,7 @@ def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
     rows: list[EffectParameter] = []
     taken: set[tuple[str, str]] = set()
     for item in found:
-        name, target = _word(item.effect.name), _word(item.effect.subject)
+        name, target = _word(item.effect.name), _word(item.effect.label.partition('[')[2][:-1] or 'all')
         number, place = 1, (name, target)
         while place in taken:
             number += 1

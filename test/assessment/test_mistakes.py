@@ -122,7 +122,7 @@ def test_a_mistake_of_the_touches_is_named(touches, robot, statement):
         raise mistake.error('touches.csv')
 
 
-@pytest.mark.parametrize(('robot', 'part', 'stated'), [('short', -0.35, 0.0), ('paper', 0.3, 0.1)])
+@pytest.mark.parametrize(('robot', 'part', 'stated'), [('short', -0.35, 0.0), ('paper', 0.0, 0.1), ('short', 1.0, 0.0)])
 def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, stated):
     cell, right = replace(ROBOTS[robot][0], coupling=stated), touches[robot]
     reported = replace(cell, coupling=part).readings(right.joints)
@@ -147,18 +147,6 @@ def test_a_direction_of_the_joints_is_named(touches, stated, true):
     assert mistake.action == f'set robot.direction to {list(true)}'
 
 
-def test_joint_2_measured_from_the_base_is_named(touches):
-    given = touches['short'].replace(joints=np.cumsum(touches['short'].joints, axis=1))
-    assert find_mistake(given, SHORT).statement == 'joint 2 is measured from the base, not from link 1'
-
-
-def test_a_coupling_where_there_is_none_is_to_be_left_out(touches):
-    cell, right = replace(PAPER_CELL, coupling=0.1), touches['paper']
-    mistake = find_mistake(right.replace(joints=cell.angles(right.joints)), cell, origin=Origin.RECORDING)
-    assert (mistake.where, mistake.action) == ('robot.coupling', 'leave out robot.coupling')
-    assert mistake.statement == 'the reading of joint 2 does not contain that of joint 1'
-
-
 @pytest.mark.parametrize(('robot', 'length'), [('paper', 3e-3), ('short', 1e-2)])
 def test_a_forgotten_tip_is_named(touches, robot, length):
     cell = ROBOTS[robot][0]
@@ -180,17 +168,10 @@ def test_radii_that_are_all_short_are_named_by_the_calibration(touches, short):
     assert find_mistake(touches['paper'], declared, calibration) is None
 
 
-def test_diameters_of_equal_discs():
-    cell = discs(lambda d: d._replace(radius=0.05))(PAPER_CELL)
-    given = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell, 5), seed=1)
-    stated = discs(lambda d: d._replace(radius=0.1))(cell)
-    assert 'or each is the diameter of its disc' in find_mistake(given, stated).statement
-
-
 def test_swapped_names_and_centers(touches):
     given = touches['paper']
     named = given.replace(disc=np.array([1, 0, 2])[given.disc])
-    assert 'disc_1 and disc_2 are swapped: touches that name one' in find_mistake(named, PAPER_CELL).statement
+    assert find_mistake(named, PAPER_CELL).statement.endswith('such as disc_2 where they meet disc_1')
     a, b, c = PAPER_CELL.discs
     swapped = replace(PAPER_CELL, discs=(a._replace(x=b.x, y=b.y), b._replace(x=a.x, y=a.y), c))
     assert find_mistake(given, swapped).statement == 'the radii, or the centers, of disc_1 and disc_2 are swapped'

@@ -172,6 +172,7 @@ def test_touches_that_support_nothing(data, error, words):
         ({'p3': 1.0}, "'p3'"),
         (PAPER_ACTUAL.as_dict(), 'all twelve'),
         ({'l1': -0.3}, 'l1'),
+        ({'l1': np.nan}, 'l1: expected a finite number, got nan'),
         ({'l1': 330.0}, 'l1=330: is 330 m from its nominal value; give it in m, not in mm'),
     ],
 )
@@ -213,13 +214,6 @@ def test_faint_touches_and_repeated_readings_are_left_out_by_name():
     assert [item.index for item in found.rejected] == [3, 4, 72]
     assert 'same reading as touch 10' in found.rejected[2].reason
     assert '0.54 N' in found.rejected[1].reason
-
-
-def test_a_recording_given_twice_counts_once():
-    data = touches(PAPER_ACTUAL, 1)
-    twice = calibrate(data.concatenate([data, data]).replace(index=np.arange(144)), CELL)
-    np.testing.assert_allclose(twice.std, calibrate(data, CELL).std, rtol=1e-9)
-    assert len(twice.rejected) == 72
 
 
 def test_many_touches_settle_though_some_lie_at_the_edge_of_a_dead_band():

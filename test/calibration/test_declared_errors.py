@@ -10,7 +10,7 @@ from calibration.studies import EXACT
 from diagnosis.simulated import CELL, PLAN, effect
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal, Prior
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.solver import Termination
@@ -159,6 +159,11 @@ def test_rows_are_whitened_for_unknown_errors():
     m = Marginal.of(columns, 9).apply(np.eye(9))
     np.testing.assert_allclose(m @ (np.eye(9) + columns @ columns.T) @ m.T, np.eye(9), atol=1e-12)
     assert Marginal.of(None, 9).apply(rows) is rows
+
+
+def test_a_value_whose_size_is_estimated_as_zero_is_held_without_a_warning():
+    prior = Prior((), np.zeros(1, dtype=int), np.ones(1), np.zeros(1), 0)
+    assert np.isfinite(prior.rows(1)).all() and prior.residual(np.ones(1), np.zeros(0)) == 0
 
 
 def test_estimated_noise_of_few_touches_does_not_grow_with_what_is_declared():

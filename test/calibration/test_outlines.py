@@ -14,7 +14,7 @@ from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.contact_friction import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.cell import PAPER_CELL, Noise
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
@@ -198,12 +198,6 @@ def test_a_bowed_edge_is_an_arc_of_a_large_circle():
     np.testing.assert_allclose(body.force, touches.force[on_edge][0], atol=1e-6)
 
 
-def test_discs_have_no_edges_to_bow():
-    bows = [effect.label for effect in sk.catalogue(CELLS['edge and disc']) if effect.name == 'edge_bow']
-    assert bows == ['edge_bow[edge.1]']
-    assert not any(effect.name == 'edge_bow' for effect in sk.catalogue(PAPER_CELL))
-
-
 def test_friction_on_edges_and_corners_is_estimated():
     cell = CELLS['mixture']
     effect = parse_effect('contact_friction:coefficient=0.1', cell)
@@ -245,15 +239,6 @@ def test_a_block_turned_by_90_degrees_is_refused():
     turned = replace(cell, discs=(cell.discs[0].moved((0.0, 0.0), np.pi / 2), *cell.discs[1:]))
     with pytest.raises(UnsupportedDataError, match='check the places of the objects'):
         sk.diagnose(touches, turned)
-
-
-def test_forces_of_a_fit_are_predicted_from_joints_alone():
-    cell = CELLS['mixture']
-    plan = default_plan(cell, 24)
-    touches = simulate_touches(cell, TRUTH, plan, Noise(0, 0))
-    c = sk.calibrate(touches, cell)
-    names = [cell.discs[number].name for number in touches.disc]
-    np.testing.assert_allclose(sk.predict_force(c, touches.joints, names), touches.force, atol=1e-4)
 
 
 def _upright(cell, **moments):

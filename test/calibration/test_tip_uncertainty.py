@@ -1,4 +1,4 @@
-"""Uncertainty of the tip, the budget, and what would improve them."""
+"""Uncertainty of the tip, and its budget."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     tip_uncertainty,
     workspace,
 )
-from scara_kinetostatic.calibration.uncertainty_budget import NOISE, best_improvement, improvements, uncertainty_budget
+from scara_kinetostatic.calibration.uncertainty_budget import uncertainty_budget
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Region, Uncertainty
@@ -61,7 +61,7 @@ def test_twelve_directions_of_the_force_hold_the_worst_of_all(measured: Calibrat
     count = len(joints)
     poses = Poses(joints[:, 0].repeat(360, axis=0), posture[:, 0, 0].repeat(360), np.tile(every, (count, 1)))
     variances = np.linalg.eigvalsh(tip_covariance(tip_derivative(measured, poses), measured.covariance))[:, -1]
-    ratio = area.std(measured.covariance)[::40] / np.sqrt(variances.reshape(count, 360).max(axis=1))
+    ratio = np.sqrt(area.variances(measured.covariance)[::40].max(axis=1) / variances.reshape(count, 360).max(axis=1))
     assert ratio.min() > 0.9 and ratio.max() < 1.01 and np.median(ratio) > 0.95
 
 
@@ -186,54 +186,3 @@ def test_where_the_tip_is_not_determined_nothing_is_stated() -> None:
     assert np.isnan(budget[0].tip)
     for name, status in c.status.items():
         assert (status == 'confounded') == bool(np.isnan(budget[0].parameters[NAMES.index(name)]))
-
-
-def test_a_fixed_parameter_contributes_nothing() -> None:
-    c = calibrate(sk.simulate(MEASURED, PAPER_ACTUAL), MEASURED, fixed={'x0': PAPER_ACTUAL.x0})
-    assert all(item.parameters[0] == 0 for item in uncertainty_budget(c))
-
-
-def smaller(label: str, wanted: float) -> Cell:
-    """The cell with one source known better."""
-    kind, _, target = label.rstrip(']').partition('[')
-    if kind.startswith('object'):
-        changed = {'center_std' if kind == 'object_position' else 'radius_std': wanted}
-        discs = tuple(disc._replace(**changed) if disc.name == target else disc for disc in MEASURED.discs)
-        return replace(MEASURED, discs=discs)
-    changes = {'nominal': {target: wanted}} if kind == 'nominal' else {kind: wanted}
-    return replace(MEASURED, uncertainty=replace(MEASURED.uncertainty, **changes))
-
-
-@pytest.mark.parametrize('label', ['object_position[disc_1]', 'force_gain', 'nominal[l1]', 'object_radius[disc_2]'])
-def test_a_smaller_declared_uncertainty_gives_what_was_said(measured: Calibration, label: str) -> None:
-    (item,) = [each for each in improvements(measured) if each.labels == (label,)]
-    tip = tip_uncertainty(calibrate(measured.touches, smaller(label, item.wanted)))
-    assert (item.median, item.worst) == pytest.approx((tip.median, tip.worst), rel=2e-3)
-
-
-def test_twice_as_many_touches_give_what_was_said() -> None:
-    c = fitted(PAPER_CELL)
-    (item,) = improvements(c)
-    assert (item.labels, item.declared, item.wanted) == ((NOISE,), 72, 144)
-    assert item.worst == pytest.approx(tip_uncertainty(c).worst / np.sqrt(2))
-
-
-def test_the_smallest_action_that_suffices_is_advised(measured: Calibration) -> None:
-    found, worst = improvements(measured), tip_uncertainty(measured).worst
-    best = best_improvement(found, worst)
-    assert best is not None
-    assert best.labels == tuple(f'object_position[disc_{k}]' for k in (1, 2, 3))
-    assert best.worst < 0.5 * worst
-    enough = best_improvement(found, worst, tolerance=0.95 * worst)
-    assert enough is not None
-    assert len(enough.labels) == 1
-    assert best_improvement([], worst) is None
-
-
-def test_touches_under_one_force_leave_the_unloaded_tip_determined() -> None:
-    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL)
-    size = np.hypot(*touches.force.T)
-    c = calibrate(touches.select(np.abs(size - 40) < 3), PAPER_CELL)
-    area = workspace(c)
-    unloaded = ~area.poses.force.any(axis=1)
-    assert np.all(np.isfinite(tip_derivative(c, area.poses)[unloaded]))

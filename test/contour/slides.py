@@ -31,7 +31,7 @@ OBJECTS = {'disc': DISC, 'ellipse': ELLIPSE, 'rounded square': SQUARE}
 @cache
 def arm(seed: int = 0) -> CalibratedArm:
     """A calibration from simulated touches of the paper's discs."""
-    return CalibratedArm.of(calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), seed=seed), CELL))
+    return calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), seed=seed), CELL).arm
 
 
 def slides(

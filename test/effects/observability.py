@@ -78,9 +78,9 @@ def _cases(effect: Effect) -> Iterator[tuple[str, tuple[float, ...], int]]:
             yield f'{effect.label} {friction:g} {effect.parameters[1].unit}', (0.0, friction), 0
     else:
         values = effect.typical if effect.is_stepwise else effect.start
-        for k, label in enumerate(effect.labels):
+        for k, parameter in enumerate(effect.parameters):
             if not (effect.is_stepwise and k == effect.grid_parameter_index):
-                yield label, values, k
+                yield f'{effect.label}.{parameter.name}', values, k
 
 
 def main() -> None:

@@ -12,10 +12,10 @@ from model.helpers import Poses, random_poses
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
+from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import GripperSign, inverse
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import ContactProblem, State, free_state
@@ -89,32 +89,11 @@ def exact_touches(parameters: Parameters, plan: Plan, cell: Cell = CELL) -> Touc
 
 
 def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACTUAL, cell: Cell = CELL) -> TouchSet:
-    """108 exact touches or more of a robot with an effect: Ḡ with δ and d, found by repetition.
-
-    The places of contact are as planned, and every other touch is pressed beyond its force first, by two parts in turn.
+    """108 exact touches or more of a robot with an effect; every other touch is pressed beyond its force first, by two
+    parts in turn.
     """
     plan = default_plan(cell, per_disc=20, preload=0.3)
     preload = plan.preload.copy()
     preload[preload > 0] = np.resize((0.3, 1.0), np.count_nonzero(preload))
-    plan = replace(plan, preload=preload)
-    rigid = exact_touches(parameters, plan, cell)
-    metadata = TouchMetadata.of(rigid)
-    centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
-    outward, joints, shift = plan.normal(), rigid.joints, Shift()
-    for _ in range(20):
-        moved = 0.0 if shift.place is None else shift.place
-        # the tip stays where it was planned to touch; the force points from there to the centre as the effect has it
-        normal = -(radii[:, None] * outward + moved) if effect.on_object else -outward
-        normal = normal / np.hypot(*normal.T)[:, None]
-        reach = radii + GripperSign.PHYSICAL.stretch(parameters, plan.force)
-        force = plan.force[:, None] * normal
-        links = inverse(parameters, centers - reach[:, None] * normal - moved, plan.posture)
-        torques = joint_torques(parameters, links, force)
-        joints = links + joint_deflection(parameters, torques)
-        joints = joints if shift.joints is None else joints + shift.joints
-        state = State(*links.T, plan.force, np.arctan2(*normal.T[::-1]), *np.sign(torques).T)
-        at = ContactProblem(joints, centers, radii, GripperSign.PHYSICAL, metadata).touch_state(parameters, state)
-        shift = effect.shift(at, values)
-    return rigid.replace(
-        joints=joints, force=reported_force(ExtendedModel(parameters, (effect,), (tuple(values),)), force, metadata)
-    )
+    model = ExtendedModel(parameters, (effect,), (tuple(values),))
+    return simulate_touches(cell, model, replace(plan, preload=preload), EXACT)

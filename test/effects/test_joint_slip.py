@@ -61,14 +61,6 @@ def test_without_a_history_it_is_not_named():
     assert 'slip with memory in a joint was not examined' in found.advice
 
 
-def test_held_out_and_rejected_touches_do_not_break_the_memory():
-    """Each touch carries its own history."""
-    touches = simulate_touches(CELL, SLIP, PLAN, EXACT)
-    some = np.arange(len(touches)) % 3 != 0
-    found = calibrate(touches.select(some), CELL, start=ExtendedModel(CELL.nominal, SLIP.effects, ((5e-5, 1.7),)))
-    np.testing.assert_allclose(found.model.effect_arrays[0], (6e-5, 1.5), rtol=1e-6)
-
-
 def test_a_fit_ends_at_a_kink_of_the_law():
     start = ExtendedModel(CELL.nominal, SLIP.effects, ((5e-5, 1.7),))
     assert calibrate(simulate_touches(CELL, SLIP, PLAN), CELL, start=start).termination is Termination.CONVERGED

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects.scenes import EFFECTS, KINDS, LABELS, plausible, random_scene, with_effect
+from effects.scenes import EFFECTS, KINDS, plausible, random_scene, with_effect
 from model.helpers import ROBOTS
 
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
@@ -52,18 +50,6 @@ def test_direct_undoes_inverse_and_contact_gives_the_force_back(effect, robot, g
     np.testing.assert_allclose(found.tip, scene.poses.tip, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize('robot', ROBOTS, ids=['actual', 'measured'])
-def test_all_effects_of_the_robot_at_once(robot):
-    scene = random_scene(6, 300, robot)
-    model = ExtendedModel(robot, tuple(ROBOT), tuple(tuple(plausible(effect)) for effect in ROBOT))
-    joints = check_identity(scene, model, GripperSign.PHYSICAL)
-    found = contact(
-        model, joints, scene.poses.centers, scene.poses.radii, warm_start=scene.poses.force, metadata=scene.metadata
-    )
-    assert found.solved.mean() > 0.99
-    np.testing.assert_allclose(found.force[found.solved], scene.poses.force[found.solved], rtol=0, atol=1e-8)
-
-
 @pytest.mark.parametrize('effect', OBJECT, ids=[effect.label for effect in OBJECT])
 def test_effects_of_the_object_are_no_matter_of_the_robot(effect):
     scene = random_scene(7, 100)
@@ -73,17 +59,3 @@ def test_effects_of_the_object_are_no_matter_of_the_robot(effect):
     np.testing.assert_array_equal(extended, plain)
     again = direct_kinetostatics(model, plain[0], poses.force, metadata=metadata)
     np.testing.assert_array_equal(again, direct_kinetostatics(scene.parameters, plain[0], poses.force))
-
-
-@pytest.mark.parametrize('label', ['link_bending[link1]', 'transmission_error[joint2]', 'thermal_drift'])
-def test_without_force_and_out_of_reach(label):
-    effect = EFFECTS[LABELS.index(label)]
-    model = with_effect(effect, ROBOTS[0])
-    tip, force = np.array([[0.3, 0.3], [0.9, 0.3]]), np.array([[0.0, 0.0], [5.0, 0.0]])
-    metadata = TouchMetadata.plain(2)._replace(time=np.array([100.0, 200.0]))
-    joints, torques = inverse_kinetostatics(model, tip, force, 1, metadata=metadata)
-    assert np.isnan(joints[1]).all()
-    assert not torques[0].any()
-    back, still = direct_kinetostatics(model, joints[:1], force[:1], metadata=metadata.select(np.array([0])))
-    np.testing.assert_allclose(back, tip[:1], rtol=0, atol=1e-12)
-    assert not still.any()

@@ -36,7 +36,7 @@ def same(one: CalibratedArm, other: CalibratedArm) -> None:
 @pytest.mark.parametrize('which', ['plain', 'confounded'])
 def test_the_file_holds_the_arm(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     outcome: Outcome = request.getfixturevalue(which)
-    arm = CalibratedArm.of_outcome(outcome)
+    arm = outcome.arm
     path = tmp_path / 'calibration.json'
     path.write_text(json_text(as_document(outcome)), encoding='utf-8')
     same(load_calibration(path), arm)
@@ -44,7 +44,7 @@ def test_the_file_holds_the_arm(which: str, request: pytest.FixtureRequest, tmp_
 
 
 def test_every_effect_of_the_catalogue_is_read_back(plain: Outcome) -> None:
-    arm = CalibratedArm.of_outcome(plain)
+    arm = plain.arm
     for effect in (*catalogue(PAPER_CELL), OffNormalForce(off_normal=0.07), Unnamed(None, 'joint2', 'q2', 0.1, 2.0)):
         model = ExtendedModel(arm.model.parameters, (effect,), (effect.typical,))
         size = len(model.names)

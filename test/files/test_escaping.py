@@ -41,7 +41,7 @@ SECRET = 'a secret of this machine'
 
 @pytest.fixture(scope='module')
 def plain() -> CalibratedArm:
-    return CalibratedArm.of(calibrate(simulate(PAPER_CELL, PAPER_ACTUAL), PAPER_CELL))
+    return calibrate(simulate(PAPER_CELL, PAPER_ACTUAL), PAPER_CELL).arm
 
 
 def poisoned(arm: CalibratedArm, poison: str) -> CalibratedArm:

@@ -58,14 +58,14 @@ int main(void)
 
 def arm_of(**changes: object) -> CalibratedArm:
     cell = replace(PAPER_CELL, joint_names=('shoulder', 'elbow & ${more}'), **changes)
-    made = CalibratedArm.of(calibrate(simulate(replace(cell, gripper_sign=GripperSign.PHYSICAL), PAPER_ACTUAL), cell))
+    made = calibrate(simulate(replace(cell, gripper_sign=GripperSign.PHYSICAL), PAPER_ACTUAL), cell).arm
     return replace(made, model=ExtendedModel(PAPER_ACTUAL.replace(theta1=2.0, theta2=-1.0)))
 
 
 def upright(gravity: tuple[float, float]) -> CalibratedArm:
     weight = {'s1': 1.6, 's2': 0.5, 'gravity': gravity, 'phi1': 0.2, 'phi2': -0.4}
     cell = replace(PAPER_CELL, nominal=PAPER_CELL.nominal.replace(**weight))
-    made = CalibratedArm.of(calibrate(simulate(cell, PAPER_ACTUAL.replace(**weight)), cell))
+    made = calibrate(simulate(cell, PAPER_ACTUAL.replace(**weight)), cell).arm
     return replace(made, model=ExtendedModel(PAPER_ACTUAL.replace(theta1=2.0, theta2=-1.0, **weight)))
 
 

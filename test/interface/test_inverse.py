@@ -22,7 +22,7 @@ COUNT = 1000
 
 @pytest.fixture(scope='module')
 def arm() -> CalibratedArm:
-    return CalibratedArm.of(sk.calibrate(sk.simulate(PAPER_CELL, PAPER_MEASURED), PAPER_CELL))
+    return sk.calibrate(sk.simulate(PAPER_CELL, PAPER_MEASURED), PAPER_CELL).arm
 
 
 def poses() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -25,7 +25,7 @@ EFFECTS = (
 
 @pytest.fixture(scope='module')
 def arm() -> CalibratedArm:
-    return CalibratedArm.of(sk.calibrate(sk.simulate(PAPER_CELL, sk.PAPER_ACTUAL), PAPER_CELL))
+    return sk.calibrate(sk.simulate(PAPER_CELL, sk.PAPER_ACTUAL), PAPER_CELL).arm
 
 
 def with_effect(arm: CalibratedArm, label: str) -> CalibratedArm:

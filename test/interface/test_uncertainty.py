@@ -178,13 +178,6 @@ def test_what_the_data_do_not_determine_has_no_uncertainty():
     assert np.isnan(place.std[1]).any()
 
 
-def test_out_of_reach_is_not_a_number(outcome):
-    angles = sk.compensate(outcome, [[0.9, 0.0], [0.3, 0.2], [1e200, 0.0]])
-    assert np.isnan(angles.joints[[0, 2]]).all()
-    assert np.isfinite(angles.joints[1]).all()
-    assert np.isfinite(angles.std[1]).all()
-
-
 def test_predicted_forces_are_measured_less_residual(outcome):
     c = outcome.final
     np.testing.assert_allclose(sk.predict_force(outcome, c.touches), c.force - c.residual, rtol=0, atol=1e-9)
@@ -224,7 +217,7 @@ def test_wrong_arguments_are_one_clear_line(outcome, call, message):
         call(outcome)
 
 
-def test_predicted_and_measured_forces_come_in_one_frame_and_touches_print_short():
+def test_predicted_and_measured_forces_come_in_one_frame():
     cell = sk.load_cell(Path(__file__).parents[2] / 'bags' / 'measured.yaml')
     truth = {'x0': 2e-3, 'theta1': -1.7e-3, 'l1': cell.nominal.l1 + 2e-4}
     touches = sk.simulate(cell, truth, per_disc=6)
@@ -232,7 +225,3 @@ def test_predicted_and_measured_forces_come_in_one_frame_and_touches_print_short
     off = sk.predict_force(outcome, outcome.final.touches) - outcome.final.touches.force
     np.testing.assert_allclose(np.hypot(*off.T), np.hypot(*outcome.residuals.T), atol=0.03)
     assert np.hypot(*off.T).mean() < 1.0
-    names = [cell.discs[number].name for number in outcome.final.touches.disc]
-    alone = sk.predict_force(outcome, outcome.final.touches.joints, names)
-    assert np.median(np.hypot(*(alone - outcome.final.touches.force).T)) < 1.0
-    assert str(touches) == f'<TouchSet: {len(touches)} touches of {len(cell.discs)} objects>'

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import load_predictor
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
-from scara_kinetostatic.model.arm import CalibratedArm, Predictor
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -140,7 +140,7 @@ def test_without_backlash_no_touch_is_left_out():
 
 
 def test_uncertainty_of_the_tip_is_that_of_its_derivatives():
-    arm = CalibratedArm.of(sk.calibrate(sk.simulate(CELL, TRUTH, seed=7), CELL))
+    arm = sk.calibrate(sk.simulate(CELL, TRUTH, seed=7), CELL).arm
     joints, force = np.array([[0.3, 1.0]]), np.array([[-30.0, 25.0]])
     found = Predictor(arm).locate(joints, force)
     assert found.loaded.all()

@@ -8,10 +8,9 @@ import pytest
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise, Sensor, SensorFrame, force_covariance
-from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, simulate_touches
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 BY_AXIS = Noise((1e-5, 4e-5), (0.6, 0.15), 0.01)
 
@@ -35,17 +34,6 @@ def test_simulated_errors_are_those_of_the_axes_of_the_sensor(frame):
     for axis, level in enumerate(BY_AXIS.force_levels):
         assert np.std(errors[:, axis] / np.hypot(level, 0.01 * size)) == pytest.approx(1, abs=0.1)
     assert np.std(noisy.joints - exact.joints, axis=0) == pytest.approx(BY_AXIS.joint_levels, rel=0.1)
-
-
-def test_plain_errors_are_the_same_whatever_the_frame():
-    unit = np.random.default_rng(3).standard_normal((2, 5, 2))
-    force, angle = np.full((5, 2), 20.0), np.ones(5)
-    plain, turned = (
-        SensorModel(touch_noise=Noise(1e-5, 0.3)).touch_errors(PAPER_CELL, unit, force, where)[1]
-        for where in (None, angle)
-    )
-    np.testing.assert_array_equal(plain, turned)
-    assert np.abs(rotate(plain, angle) - plain).max() > 0.1
 
 
 @pytest.mark.parametrize('frame', SensorFrame)

@@ -9,7 +9,7 @@ from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.contact import all_derivatives, contact, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import GripperSign
-from scara_kinetostatic.model.outline import Outline, boundary, inside, outline_problem, surfaces_of
+from scara_kinetostatic.model.outline import Outline, boundary, outline_problem, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch_equations import ContactProblem, Edges, State
 
@@ -85,11 +85,6 @@ def test_the_place_of_a_touch_is_found_again():
     off = np.hypot(*(surfaces.select(again).at(part)[0] - place).T)
     assert off[number == 0].max() < 1e-12
     assert off.max() < 1e-3
-
-
-def test_inside():
-    line = np.array(ELL.corners)
-    assert inside(line, np.array([[0.04, 0.1], [0.15, 0.03], [0.15, 0.1], [-0.01, 0.1]])).tolist() == [1, 1, 0, 0]
 
 
 def test_a_touch_is_nearest_to_its_own_edge_or_corner():

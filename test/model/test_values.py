@@ -10,8 +10,7 @@ from calibration.studies import CELL
 
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -63,14 +62,6 @@ def test_histories_are_filled_up_by_the_unloaded_joints_of_the_hold():
     for wrong in (np.zeros((2, 4)), np.zeros((3, 1, 4)), np.zeros((2, 1, 3))):
         with pytest.raises(ValueError, match='history: expected shape'):
             bare.replace(history=wrong)
-
-
-def test_metadata_carry_the_history():
-    touches = TouchSet(np.zeros((2, 2)), np.ones((2, 2)), np.zeros(2), np.ones(2), history=np.ones((2, 3, 4)))
-    metadata = TouchMetadata.of(touches, SensorFrame.TOOL).select(np.array([1]))
-    assert metadata.history.shape == (1, 3, 4)
-    assert metadata.frame is SensorFrame.TOOL
-    assert TouchMetadata.of(touches.replace(history=None)).history is None
 
 
 def test_a_pose_is_within_the_limits_in_any_turn():

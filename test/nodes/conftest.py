@@ -69,7 +69,7 @@ def arm() -> CalibratedArm:
     """A calibration of the example cell."""
     cell = replace(PAPER_CELL, sensor=Sensor(), tip_radius=0.005)
     calibration = sk.calibrate(sk.simulate(cell, sk.PAPER_ACTUAL), cell)
-    return replace(CalibratedArm.of(calibration), grade='fit', created='2026-01-01T00:00:00Z')
+    return replace(calibration.arm, grade='fit', created='2026-01-01T00:00:00Z')
 
 
 @pytest.fixture

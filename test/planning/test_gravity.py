@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
@@ -56,7 +55,7 @@ def test_touches_whose_flank_is_doubtful_are_no_candidates():
 
 
 def test_planned_touches_lose_fewer_than_even_ones():
-    arm = CalibratedArm.of(sk.calibrate(sk.simulate(CELL, TRUTH, seed=3), CELL))
+    arm = sk.calibrate(sk.simulate(CELL, TRUTH, seed=3), CELL).arm
     planned = Planner(arm, now=1e-4).accurate(18).plan
     even = default_plan(CELL, 4, (20.0,))
     lost = []

@@ -15,7 +15,6 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.slides import polygon
@@ -56,7 +55,7 @@ def test_truth_within_four_sigma(name: str, truth: Parameters, confounded: tuple
 
 
 def test_the_slide_is_the_outline_that_its_plan_states() -> None:
-    calibrated = CalibratedArm.of(outcome_of('paper').final)
+    calibrated = outcome_of('paper').final.arm
     arm = replace(calibrated, cell=replace(calibrated.cell, tip_radius=0.005))
     contour = trace_contour(read_streams(BAGS / 'slide.mcap', arm.cell), arm)
     ((slide,),) = [yaml.safe_load((BAGS / 'slide.yaml').read_text())]
