@@ -1,9 +1,8 @@
-"""The history file, its page, and archives that are recalibrated."""
+"""The history file and its page."""
 
 from __future__ import annotations
 
 import json
-import signal
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -18,8 +17,6 @@ from cli.conftest import recordings, run
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.monitoring import archive
-from scara_kinetostatic.monitoring.archive import in_processes, tasks_of
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import history_report
@@ -167,33 +164,6 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     for line in lines.split('|'):
         wrong = run('history', *line.split())
         assert wrong.status == 2 and wrong.err.count('\n') == 1
-
-
-def test_an_archive_goes_on_where_a_recording_fails(
-    run: Run, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cell, plain, few = (recordings / name for name in ('cell.yaml', 'plain', 'few'))
-    done = run('recalibrate', plain, few, '--cell', cell, '--out', 'a', '--no-report', '--history', 'h.sqlite')
-    assert done.status == 3 and done.err.count('\n') == 1 and '1 of 2' in done.err
-    assert 'plain: fit' in done.out and 'few: 3 touches' in done.out and '1 results added' in done.out
-    assert len(History(tmp_path / 'h.sqlite').entries()) == 1
-    assert not (tmp_path / 'a/plain/report.html').exists()
-    with pytest.raises(InputError, match='has the name of'):
-        tasks_of([Path('a/x.mcap'), Path('b/x.mcap')], None, tmp_path)
-
-    def fail(*_: object) -> None:
-        raise MemoryError('no room')
-
-    monkeypatch.setattr(archive, 'calibrate_recordings', fail)
-    (failed,) = in_processes(tasks_of([plain], cell, tmp_path), 1)
-    assert failed.problem == 'internal error, MemoryError: no room'
-
-
-def test_processes_leave_interrupts_to_the_first_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive, 'recalibrate', signal.getsignal)
-    interrupt: Any = signal.SIGINT
-    found = [done.grade for done in in_processes([interrupt, interrupt], 2)]
-    assert found == [signal.SIG_IGN] * 2 and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
 
 def test_a_history_after_analyze(tmp_path: Path) -> None:
