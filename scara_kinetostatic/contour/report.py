@@ -8,25 +8,22 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-from scara_kinetostatic.contour.fits import Deviation, ShapeFit
+from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import FIT_UNITS, count, micrometres, shown
+from scara_kinetostatic.report.quantities import FIT_UNITS, count, shown
 
 _MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
 
 
-def contour_report(
-    contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation], calibration: str
-) -> Report:
+def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str) -> Report:
     """What was measured, for the terminal and for `contour.html`.
 
     Args:
         contour: what was measured.
         fits: shapes through its outlines.
-        deviations: of its outlines from objects of the cell.
         calibration: name of the file of the calibration.
     """
     std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
@@ -34,7 +31,6 @@ def contour_report(
     form = 'Closed outline' if first.closed else 'Open outline'
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
     headline = f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
-    sentences = (*_sentences(contour), *(_deviation_sentence(contour, deviation) for deviation in deviations))
     seen = 'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
     seen += f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
     of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
@@ -42,7 +38,7 @@ def contour_report(
     figures = Figure(partial(outline_picture, contour), seen), Note(of_which)
     return Report(
         title='Contour of an object by touch',
-        answer=Verdict(headline, 'caution' if contour.warnings else 'good', sentences),
+        answer=Verdict(headline, 'caution' if contour.warnings else 'good', _sentences(contour)),
         source=f'{contour.source}, with the calibration {calibration}',
         blocks=(Section('Outline', figures, shown='page'), *fit_sections(fits)),
         remarks=contour.warnings,
@@ -67,18 +63,6 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
     return (*lines, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
 
 
-def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
-    k = deviation.largest
-    x, y = _MILLI * contour.surface[deviation.points[k]]
-    off, std = deviation.distance[k], deviation.std[k]
-    return (
-        f'Outline {deviation.outline + 1} lies along {deviation.object} of the cell description: at most '
-        f'{micrometres(abs(off))} µm (± {micrometres(2 * std)} µm) {"outside" if off > 0 else "inside"} of it, at '
-        f'x = {x:.1f} mm, y = {y:.1f} mm; rms {micrometres(deviation.rms)} µm, {deviation.misfit:.1f} times the '
-        'uncertainty of the points.'
-    )
-
-
 def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
     """A table for the fits of one shape to one outline, a row for each, and what does not fit."""
     sections = []
@@ -100,18 +84,14 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
     return sections
 
 
-def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation]) -> Document:
+def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
     """The contour as data, without its points."""
     friction = ('coefficient', 'std', 'sensor_rotation', 'sensor_rotation_std')
-    fitted, deviating = [], []
+    fitted = []
     for fit in fits:
         found = {key: getattr(fit, key) for key in ('shape', 'outline', 'piece', 'values')}
         residual = {'residual': {'rms': fit.rms, 'largest': fit.largest}, 'misfit': fit.misfit, 'fits': fit.fits}
         fitted.append(found | residual)
-    for d in deviations:
-        at = {'std': d.std[d.largest], 'at': contour.surface[d.points[d.largest]]}
-        found = {'outline': d.outline, 'object': d.object, 'points': len(d.points), 'rms': d.rms, 'misfit': d.misfit}
-        deviating.append(found | {'largest': {'value': d.distance[d.largest], **at}})
     return {
         'schema': 'scara_kinetostatic/contour/1',
         'source': contour.source,
@@ -126,7 +106,6 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
         ],
         'left_out': {'no_sliding': contour.stuck, 'no_contact': contour.lost},
         'fits': fitted,
-        'deviations': deviating,
         'warnings': contour.warnings,
     }
 

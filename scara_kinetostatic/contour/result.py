@@ -426,19 +426,16 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
 
 
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
-COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N', 'deviation_m')
+COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N')
 LAYER = 'CONTOUR'
 _MILLI = 1e3
 
 
-def csv_text(contour: Contour, deviation: Floats, plane: Plane) -> str:
-    """The points of the surface in the order of time; their deviation from an object of the cell, (n,), m, or NaN.
-
-    Where the plane is stated the points in the robot's frame follow.
-    """
+def csv_text(contour: Contour, plane: Plane) -> str:
+    """The points of the surface in the order of time; where the plane is stated, also in the robot's frame."""
     size = np.hypot(*contour.force.T)
-    points = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size, deviation)
-    forms = ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f', '.3e')
+    points = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size)
+    forms = ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f')
     columns = list(zip(COLUMNS, forms, points, strict=True))
     if plane.is_stated:
         names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
