@@ -93,9 +93,11 @@ class McapFile(Source):
             yield Batch.from_payloads(topic, *messages)
 
     def _chunk(self, chunk: Chunk, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
+        if (size := max(chunk.uncompressed_size, len(chunk.data))) > self._budget.largest_piece:
+            skipped = f'a chunk of {size} bytes, at byte {offset}, was skipped'
+            self.warnings.append(f'{self.path.name}: {skipped}; if you trust it, --max-bytes {size} reads it')
+            return
         try:
-            if (size := max(chunk.uncompressed_size, len(chunk.data))) > (most := self._budget.largest_piece):
-                raise ValueError(f'a chunk of {size} bytes, expected at most {most}; see --max-bytes')
             data = unpack(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
             if chunk.compression and len(data) != chunk.uncompressed_size:
                 raise ValueError(f'it unpacks to {len(data)} bytes, expected {chunk.uncompressed_size}')
@@ -105,7 +107,8 @@ class McapFile(Source):
             self._budget.charge(len(chunk.data) + len(data), number + sum(map(len, definitions)) // _ENTRY)
             self._define(map(_definition, definitions))
         except _DAMAGE as error:
-            self._damaged(offset, error)
+            reason = str(error) or type(error).__name__
+            self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
             return
         places: dict[Topic, list[int]] = {}
         for key, found in starts.items():
@@ -125,10 +128,6 @@ class McapFile(Source):
             else:
                 msgtype = self._schemas.get(record.schema_id, 'unknown')
                 self._topics[record.id] = Topic.of(record.topic, msgtype, record.message_encoding)
-
-    def _damaged(self, offset: int, error: Exception) -> None:
-        reason = str(error) or type(error).__name__
-        self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
 
 
 class _Records(StreamReader):

@@ -146,9 +146,16 @@ def add_results(
     """
     meaning = f'results (default: {default})' if default else f'folder for {files or "the results"}'
     folder = Path(default) if default else None
-    parser.add_argument('--out', type=Path, default=folder, required=required, metavar='DIR', help=meaning)
+    parser.add_argument('--out', type=_folder, default=folder, required=required, metavar='DIR', help=meaning)
     if json:
         parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+
+
+def _folder(text: str) -> Path:
+    """A folder for results."""
+    if os.path.isfile(text):  # noqa: PTH113  that of Path raises where a folder above may not be entered
+        raise argparse.ArgumentTypeError(f'{text} cannot be written: it is a file, expected a folder')
+    return Path(text)
 
 
 def cell_or_paper(path: Path | None) -> Cell:

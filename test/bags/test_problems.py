@@ -274,7 +274,7 @@ def test_compression_bombs_are_refused(tmp_path, streams):
     """A chunk that claims to hold terabytes."""
     write_mcap(tmp_path / 'a.mcap', messages(streams), compression=CompressionType.ZSTD)
     spoil(tmp_path / 'a.mcap', b'\4\0\0\0zstd', (1 << 42).to_bytes(8, 'little'), -12)
-    assert 'a chunk of 4398046511104 bytes, expected at most' in refused(tmp_path / 'a.mcap')
+    assert 'a chunk of 4398046511104 bytes, at byte' in refused(tmp_path / 'a.mcap')
 
 
 def test_metadata_that_would_take_all_time(tmp_path, cell, streams):

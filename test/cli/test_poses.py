@@ -24,7 +24,7 @@ POSES = """\
 x_m,y_m,fx_N,fy_N,elbow,id
 0.30,0.20,0.0,30.0,right,a
 -0.2,0.35,-12.5,4.0,left,"b, c"
-0.25,-0.3,0,0,left,c
+-0.2,-0.3,0,0,right,c
 0.9,0.0,10,0,left,d
 0.3,0.2,0,90,right,e
 """
@@ -53,6 +53,7 @@ def test_there_and_back(run, result):
     assert [row['status'] for row in commands] == ['ok', 'ok', 'unloaded', 'out_of_reach', 'extrapolated']
     assert [row['id'] for row in commands] == ['a', 'b, c', 'c', 'd', 'e']
     assert (commands[0]['x_m'], commands[3]['q1_rad']) == ('0.30', 'nan')
+    assert (commands[2]['c1_Nm'], commands[2]['c2_Nm']) == ('0.0', '0.0')
     assert 0 < float(commands[0]['std_normal_m']) < 1e-4
     reached = [row for row in commands if row['q1_rad'] != 'nan']
     Path('states.csv').write_text(
