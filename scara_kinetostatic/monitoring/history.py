@@ -135,7 +135,7 @@ class History:
         try:
             return Entry(number, robot, CalibrationRecord.of_document(parse_document(document, source), source))
         except (ValueError, TypeError, RecursionError, InputError) as error:
-            remedy = f'`history remove {self.path} {number}` takes it out'
+            remedy = f"take it out: sqlite3 {self.path} 'DELETE FROM calibration WHERE id = {number}'"
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
 
     def entries(self, robot: str = '') -> list[Entry]:
@@ -149,17 +149,6 @@ class History:
         for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
             last[entry.robot, entry.record.checksums or entry.number] = entry.number
         return [entry for entry in found if entry.number in last.values()]
-
-    def remove(self, numbers: Sequence[int]) -> None:
-        """Takes calibrations out, all or none.
-
-        Raises:
-            InputError: there is none of a number, or the file cannot be written.
-        """
-        with self._open(write=True) as connection:
-            for number in numbers:
-                if not connection.execute('DELETE FROM calibration WHERE id = ?', (number,)).rowcount:
-                    raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
 
 
 class Trend(NamedTuple):
