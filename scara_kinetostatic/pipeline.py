@@ -25,7 +25,7 @@ from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
 
@@ -176,7 +176,6 @@ def calibrate_touches(
     touches: Detection | TouchSet,
     cell: Cell,
     *,
-    calibration: Calibration | None = None,
     fixed: Mapping[str, float] | None = None,
     sources: Sequence[str | Path] = (),
     progress: Progress = _unreported,
@@ -186,8 +185,7 @@ def calibrate_touches(
     Args:
         touches: as detected in recordings, or as they come from elsewhere.
         cell: the cell.
-        calibration: the base model's fit of these touches, where there is one.
-        fixed: parameters to hold, by name; those of `calibration` where it is given.
+        fixed: parameters to hold, by name.
         sources: the files that the touches come from; messages name them.
         progress: called at each step.
 
@@ -201,20 +199,15 @@ def calibrate_touches(
     names = ', '.join(map(str, sources)) or 'these touches'
     if fixed:
         check_units(fixed, cell.nominal)
-    held = fixed if calibration is None else calibration.fixed
-    check = check_touches(detection.held, cell, fixed=held, origin=_origin(sources))
+    check = check_touches(detection.held, cell, fixed=fixed, origin=_origin(sources))
     mistake = check.mistake()
-    if mistake is not None and mistake.is_gross and calibration is None:
+    if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
     with _explained_by(check, names):
         if not len(detection.touches):
             raise _no_touches(detection, names)
         _check_limits(detection.touches, cell)
-        if calibration is None:
-            calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
-        else:
-            progress('diagnosing the model', 0.3)
-            diagnosis = diagnose(calibration)
+        calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
         calibration = diagnosis.refitted or calibration
         progress('predicting held-out touches', 0.8)
         final = diagnosis.extended or calibration
@@ -222,7 +215,8 @@ def calibrate_touches(
         held_out = held_out_force_error(replace(calibration, used=final.used))
         extended_held_out = held_out if final is calibration else held_out_force_error(final)
     progress('done', 1.0)
-    rejected = {item.index: item for item in (*detection.rejected, *left_out(calibration), *final.rejected)}
+    before_fit = [item for item in calibration.rejected if item.index not in calibration.touches.index]
+    rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}
     return Outcome(
         calibration=calibration,
         held_out=held_out,
@@ -297,11 +291,6 @@ def _unknown_sequence(detection: Detection, diagnosis: Diagnosis) -> list[str]:
         return []
     order = "the recordings' order in time is not known, that of the command is taken"
     return [f'{order}: after a shift the result is that of the last']
-
-
-def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
-    """The touches that were rejected before the fit: they are not in `Calibration.touches`."""
-    return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
 
 
 def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
