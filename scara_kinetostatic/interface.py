@@ -328,8 +328,8 @@ def trace_contour(
 ) -> Contour:
     """The outline of an object of unknown shape, from a recording in which the tip slides along it under force.
 
-    ``contour.outlines`` are the passes joined; ``sk.fit_shape(contour, arm, 'circle')`` fits a circle, ``'arc'`` or
-    ``'line'``, ``sk.fit_pieces(contour, arm)`` splits an outline into lines and arcs.
+    ``contour.outlines`` are the passes joined; ``sk.fit_shape(contour, arm, 'circle')`` fits a circle, ``'line'``
+    a line, ``sk.fit_pieces(contour, arm)`` splits an outline into lines and arcs.
 
     Args:
         recording: its path, or the streams read from it; it begins and ends with free motion.

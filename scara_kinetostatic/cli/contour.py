@@ -32,7 +32,7 @@ from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    shapes = ('pieces', 'circle', 'arc', 'line')
+    shapes = ('pieces', 'circle', 'line')
     cell = 'topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)'
     fit = 'fit this shape to every outline; pieces: split it into lines and arcs and fit each; repeatable'
     add_options(
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> None:
     contour = replace(contour, warnings=(*contour.warnings, *failed))
     report = contour_report(contour, fits, str(args.calibration))
     files = {
-        CSV: csv_text(contour, cell.plane),
+        CSV: csv_text(contour),
         SVG: svg_text(contour.outlines),
         DXF: dxf_text(contour.outlines),
         'contour.html': as_page(report),

@@ -72,8 +72,7 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
         for fit in own:
             name, values = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}', []
             for item in fit.values.values():
-                with_std = shown(*item, FIT_UNITS)._replace(unit='').text
-                values.append(with_std if item.std > 0 else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}')
+                values.append(shown(*item, FIT_UNITS)._replace(unit='').text)
             rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
             if not fit.fits:
                 remark = f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of'

@@ -27,7 +27,6 @@ import numpy as np
 from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 
 SPACING = 5e-4
@@ -431,16 +430,12 @@ LAYER = 'CONTOUR'
 _MILLI = 1e3
 
 
-def csv_text(contour: Contour, plane: Plane) -> str:
-    """The points of the surface in the order of time; where the plane is stated, also in the robot's frame."""
+def csv_text(contour: Contour) -> str:
+    """The points of the surface in the order of time."""
     size = np.hypot(*contour.force.T)
     points = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size)
-    forms = ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f')
-    columns = list(zip(COLUMNS, forms, points, strict=True))
-    if plane.is_stated:
-        names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
-        columns += zip(names, ('.9f',) * 3, plane.in_robot(contour.surface).T, strict=True)
-    return csv_lines({name: [f'{value:{form}}' for value in values.tolist()] for name, form, values in columns})
+    rows = zip(COLUMNS, ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f'), points, strict=True)
+    return csv_lines({name: [f'{value:{form}}' for value in values.tolist()] for name, form, values in rows})
 
 
 def svg_text(outlines: Iterable[Outline]) -> str:
