@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Check, Origin, check_touches, wrong_unit
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
@@ -203,7 +202,7 @@ def calibrate_touches(
     mistake = check.mistake()
     if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
-    with _explained_by(check, names):
+    try:
         if not len(detection.touches):
             raise _no_touches(detection, names)
         _check_limits(detection.touches, cell)
@@ -214,6 +213,12 @@ def calibrate_touches(
         _check_converged(final, detection, names)
         held_out = held_out_force_error(replace(calibration, used=final.used))
         extended_held_out = held_out if final is calibration else held_out_force_error(final)
+    except ParameterError:
+        raise
+    except (UnsupportedDataError, InputError) as error:
+        if (mistake := mistake or check.displaced()) is None:
+            raise
+        raise mistake.error(names) from error
     progress('done', 1.0)
     before_fit = [item for item in calibration.rejected if item.index not in calibration.touches.index]
     rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}
@@ -229,20 +234,6 @@ def calibrate_touches(
         check=check,
         sources=tuple(map(str, sources)),
     )
-
-
-@contextmanager
-def _explained_by(check: Check, names: str) -> Iterator[None]:
-    """Names the mistake behind a failure, where there is one."""
-    try:
-        yield
-    except ParameterError:
-        raise
-    except (UnsupportedDataError, InputError) as error:
-        mistake = check.mistake() or check.displaced()
-        if mistake is None:
-            raise
-        raise mistake.error(names) from error
 
 
 def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> TouchSet:

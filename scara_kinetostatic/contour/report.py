@@ -47,20 +47,17 @@ def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str)
 
 
 def _sentences(contour: Contour) -> tuple[str, ...]:
-    """What the recording holds and what was cut out."""
+    """What the recording holds, and friction."""
     low, high = np.quantile(np.hypot(*contour.force.T), (0.05, 0.95))
     held = f'{count(len(contour), "point")} in {count(int(contour.passes.max()) + 1, "pass", "passes")}'
     held += f' under {low:.1f} to {high:.1f} N'
-    lines = [f'{held}; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.']
-    cut = [(contour.stuck, 'the tip did not slide'), (contour.lost, 'contact was lost')]
-    parts = [f'{seconds:.2f} s in which {what}' for seconds, what in cut if seconds > 0]
-    lines += [f'Left out: {" and ".join(parts)}.'] if parts else []
+    held += '; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.'
     coefficient, std, rotation, rotation_std = contour.friction
     turn, rest = f', apparent rotation of the force sensor {shown(rotation, rotation_std, "rad", FIT_UNITS).text}', '.'
     if np.isnan(rotation):
         turn, rest = '', ', if the force sensor is not turned: travel in one direction cannot distinguish the two. '
         rest += 'The normals come from the path of the tip and need neither.'
-    return (*lines, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
+    return (held, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
 
 
 def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
@@ -103,7 +100,6 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
             {'closed': o.closed, 'length': o.length, 'nodes': len(o.points), 'passes': o.passes}
             for o in contour.outlines
         ],
-        'left_out': {'no_sliding': contour.stuck, 'no_contact': contour.lost},
         'fits': fitted,
         'warnings': contour.warnings,
     }

@@ -340,8 +340,6 @@ class Contour:
             sides, and the outline has its radius.
         tip_radius: m.
         zero: what the sensor reports without force, as it was taken for the last contact, (2,), N.
-        lost: time without contact between the first and the last contact, s.
-        stuck: time in contact without sliding, s.
         warnings: one sentence each.
 
     Example:
@@ -369,8 +367,6 @@ class Contour:
     inner_corner: Mask
     tip_radius: float
     zero: Floats
-    lost: float
-    stuck: float
     warnings: tuple[str, ...]
 
     def __len__(self) -> int:

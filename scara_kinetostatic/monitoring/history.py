@@ -70,16 +70,15 @@ class History:
                 for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
                     connection.execute(part)
             own = "SELECT type, sql FROM sqlite_master WHERE name NOT LIKE 'sqlite^_stat%' ESCAPE '^'"  # of ANALYZE
-            layout, pragmas = set(connection.execute(own)), ('quick_check(1)', 'application_id', 'user_version')
-            damage, application, version = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in pragmas)
+            layout, pragmas = set(connection.execute(own)), ('application_id', 'user_version')
+            application, version = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in pragmas)
         if application != APPLICATION:
             raise InputError(self.path, 'is no history of calibrations', 'give another file; `history add` makes one')
         if version != VERSION:
             problem = f'expected a history of version {VERSION}, got {version}'
             raise InputError(self.path, problem, 'use the version of this package that wrote it, or add the files anew')
-        if layout != {('table', _TABLE), ('index', None)} or damage != 'ok':
-            foreign = 'has other tables, views or triggers than a history'
-            problem = foreign if damage == 'ok' else f'is damaged: {damage:.100}'
+        if layout != {('table', _TABLE), ('index', None)}:
+            problem = 'has other tables, views or triggers than a history'
             raise InputError(self.path, problem, 'add the files to a new one')
 
     @contextmanager

@@ -131,7 +131,7 @@ def test_travel_in_both_directions_separates_friction_from_a_turned_sensor():
 
 def test_gaps_are_left_open_and_objects_stay_apart():
     two = traced((0.0, 0.4), (0.5, 0.7), outline=SQUARE)
-    assert [outline.closed for outline in two.outlines] == [False, False] and two.lost > 1
+    assert [outline.closed for outline in two.outlines] == [False, False]
     objects = tuple(
         Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
     )
@@ -143,8 +143,6 @@ def test_gaps_are_left_open_and_objects_stay_apart():
 def test_stick_is_left_out():
     streams = slides((0, 0.5))
     moving, contour = trace_contour(streams, arm()), trace_contour(rested(streams, 2.0), arm())
-    assert 0.3 < moving.stuck < 1.2
-    assert contour.stuck == pytest.approx(moving.stuck + 2.0, abs=0.2)
     assert len(contour) == pytest.approx(len(moving), abs=12)
     assert contour.passes.max() == 0
 
