@@ -11,7 +11,7 @@ from markupsafe import Markup
 from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
-from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
+from scara_kinetostatic.report.figure import SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import FIT_UNITS, count, shown
 
@@ -31,8 +31,8 @@ def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str)
     form = 'Closed outline' if first.closed else 'Open outline'
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
     headline = f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
-    seen = 'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
-    seen += f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
+    seen = 'The surface in the base frame of the robot. '
+    seen += f'The radius of the tip, {_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
     of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
     of_which += 'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
     figures = Figure(partial(outline_picture, contour), seen), Note(of_which)
@@ -106,7 +106,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
 
 
 def outline_picture(contour: Contour) -> Markup:
-    """The outlines from above, in the base frame, with the direction of the force at some places."""
+    """The outlines from above, in the base frame."""
     points = np.concatenate([outline.points for outline in contour.outlines])
     low, high = points.min(axis=0), points.max(axis=0)
     span = float((high - low).max())
@@ -118,12 +118,5 @@ def outline_picture(contour: Contour) -> Markup:
         if outline.closed:
             axes.fill(x, y, color=SERIES[0], alpha=0.1, lw=0)
         axes.plot(x, y, color=SERIES[0], lw=1.6)
-    arrows = np.linspace(0, len(contour) - 1, 24).astype(int)
-    size_of = contour.force[arrows] / float(np.hypot(*contour.force.T).max())
-    begin = contour.surface[arrows] - 0.1 * span * size_of
-    axes.quiver(
-        *(_MILLI * begin).T, *(_MILLI * 0.1 * span * size_of).T, color=FAINT, angles='xy', scale_units='xy', scale=1,
-        width=0.0018, headwidth=5,
-    )  # fmt: skip
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', adjustable='datalim')
-    return as_svg(figure, 'outline', 'the outline from above with the forces on it')
+    return as_svg(figure, 'outline', 'the outline from above')
