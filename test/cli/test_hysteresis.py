@@ -85,7 +85,6 @@ def test_slip_under_load_is_named_and_predicts(run, slipping, tmp_path):
     assert predicted['after'] < min(0.1 * predicted['before'], 4e-6)
     assert predicted['from_s'] < 660 / 80
     assert page.count('<svg') == 3
-    assert 'Law (6) is not sufficient: slip in series with memory' in page
     for other in ('force', 'displacement', 'kN', '[mm]'):
         assert other not in re.sub(r'<(svg|style).*?</\1>', '', page, flags=re.DOTALL), other
 

@@ -123,19 +123,6 @@ def test_a_tare_in_contact_is_corrected_and_said() -> None:
     assert not online.problem
 
 
-def test_messages_that_are_late_until_they_end() -> None:
-    """The computer hesitates, for both topics alike; stamps of one clock are traced at once."""
-    rows, online, rng = samples(slides((0.0, 0.6))), OnlineContour(arm()), np.random.default_rng(0)
-    now = rows[0][0]
-    for stamp, number, values in rows:
-        now += round(1e9 * (rng.exponential(2e-3) + (rng.random() < 2e-3) * rng.exponential(1.0)))
-        (online.add_wrench if number else online.add_joint_state)(stamp, values, now)
-    assert online.poll()
-    assert not online.problem
-    (joined,) = online.outlines
-    assert rms(normal_error(DISC, joined.points)) < 2e-5
-
-
 def test_a_start_in_contact_is_said() -> None:
     streams = slides((0.0, 0.6))
     online = fed(since(streams, int(streams.joints.stamp[0]) + 4 * 10**9))
