@@ -95,8 +95,7 @@ def test_one_row_of_residuals_per_touch(result, folder):
         used = np.array([row['used'] == '1' for row in rows])
         error = np.hypot(*(numbers[f'residual_{axis}_{model}_N'][used] for axis in 'xy')).mean()
         assert error == pytest.approx(result['force_error'][model], rel=1e-9)
-    assert all(float(row['standardized_distance_extended']) > 0 for row in rows)
-    assert not any(row['reason'] for row in rows)
+    assert all(float(row['standardized_distance_extended']) > 0 and not row['reason'] for row in rows)
 
 
 def test_without_names_the_objects_are_found_and_the_frame_of_the_sensor_does_not_matter(folder):

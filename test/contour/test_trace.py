@@ -11,6 +11,7 @@ from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm, rested, since, slid
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.fits import fit_shape
+from scara_kinetostatic.contour.result import remarks_on
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
@@ -39,6 +40,7 @@ def test_surface_of_an_unknown_object(outline):
     assert np.mean(normal_error(outline, contour.surface + 1e-3 * contour.normal) > 9e-4) == 1.0
     assert contour.friction.coefficient == pytest.approx(0.1, abs=3 * contour.friction.std)
     assert not contour.warnings
+    assert any('extrapolated' in warning for warning in remarks_on(replace(contour, force=4 * contour.force), arm()))
 
 
 def test_without_errors_of_sensors_and_calibration():
@@ -157,10 +159,6 @@ def test_a_pause_of_the_force_is_not_bridged():
     begin = 1e-9 * float(middle - min(stamp[0], streams.joints.stamp[0]))
     assert not np.any((contour.time > begin + 0.05) & (contour.time < begin + 0.95))
     assert contour.passes.max() == 1
-
-
-def test_a_force_beyond_the_calibration_is_said():
-    assert any('extrapolated' in warning for warning in traced((0, 0.2), force=60).warnings)
 
 
 def lifted(streams, duration, height):
