@@ -171,15 +171,13 @@ def simulate(
         expect(truth, Mapping, 'truth', "give the parameters by name, such as {'l1': 0.3302}")
         unknown = [name for name in truth if name not in cell.nominal.names]
         if unknown:
-            raise ParameterError(
-                'truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], cell.nominal.names)
-            )
+            remedy = did_you_mean(unknown[0], cell.nominal.names)
+            raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', remedy)
     world = World.of(cell, None) if drawn is None else World.draw(cell, np.random.default_rng(drawn))
     if not isinstance(truth, Parameters):
         truth = world.robot(cell.nominal).replace(**truth)
-    robot = with_effects(
-        truth, [parse_effect(text, cell) for text in ([effects] if isinstance(effects, str) else effects)]
-    )
+    texts = [effects] if isinstance(effects, str) else effects
+    robot = with_effects(truth, [parse_effect(text, cell) for text in texts])
     plan, noise = default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE
     return world.reported(simulate_touches(world.cell, robot, plan, noise, seed))
 

@@ -296,11 +296,8 @@ def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
         largest = float(force.max(initial=0.0))
         mistake = wrong_unit(streams.joints.position, largest)
         if mistake is not None and mistake.where == 'force' and largest < 1.0:
-            statement, action = (
-                f'{mistake.statement}, or nothing was touched',
-                f'{mistake.action}, or touch the objects',
-            )
-            mistake = replace(mistake, statement=statement, action=action)
+            statement = f'{mistake.statement}, or nothing was touched'
+            mistake = replace(mistake, statement=statement, action=f'{mistake.action}, or touch the objects')
         if mistake is not None:
             raise mistake.error(str(path))
 

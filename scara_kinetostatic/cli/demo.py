@@ -50,9 +50,8 @@ def run(args: argparse.Namespace) -> None:
         if str(error.name).startswith('scara_kinetostatic'):
             raise
         remedy = "install the ROS wheels by pip install 'scara_kinetostatic[ros]', or source a ROS 2 installation"
-        raise InputError(
-            'demo', f'needs ROS 2 Jazzy, and the module {error.name!r} is not installed', remedy
-        ) from error
+        problem = f'needs ROS 2 Jazzy, and the module {error.name!r} is not installed'
+        raise InputError('demo', problem, remedy) from error
     from scara_kinetostatic.files.cell_file import load_cell
 
     cell = load_cell(args.cell) if args.cell else None

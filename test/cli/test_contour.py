@@ -35,22 +35,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_files_and_text(folder, run):
     calibration = folder / 'result' / 'calibration.json'
     result = run('contour', folder / 'slide', '--calibration', calibration, '--fit', 'circle', '--out', 'made')
-    assert result.status == 0
-    assert not result.err
+    assert (result.status, result.err) == (0, '')
     assert result.out.startswith('Closed outline of 377.')
     assert 'Outline 1: circle' in result.out
-    assert {path.name for path in Path('made').iterdir()} == {
-        f'contour.{kind}' for kind in ('csv', 'svg', 'dxf', 'html')
-    }
+    assert sorted(path.suffix for path in Path('made').iterdir()) == ['.csv', '.dxf', '.html', '.svg']
     with Path('made/contour.csv').open() as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0]) == ['time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N']
     x, y, std = (np.array([float(row[name]) for row in rows]) for name in ('x_m', 'y_m', 'std_normal_m'))
     error = np.hypot(x - 0.2, y - 0.3) - 0.06
     assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(np.mean(std**2)) < 2e-5
-    page = Path('made/contour.html').read_text()
-    assert '<svg' in page
-    assert 'Outline 1: circle' in page
+    assert '<svg' in Path('made/contour.html').read_text()
 
 
 def test_another_tip(folder, run):

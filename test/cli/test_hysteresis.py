@@ -100,7 +100,6 @@ RAMP = 'time_s,force_N,displacement_mm\n' + ''.join(f'{k},{k},{2 * k}\n' for k i
         (None, ['--out', 'other.csv'], 2, 'other.csv cannot be written'),
         (loops(), ['one.csv'], 2, 'one.csv: is given twice'),
         (loops(), ['--predict', 'other.csv'], 2, '--predict: one.csv is driven by its motion'),
-        ('time_s,force_N,displacement_mm\n1,1,2\n0,2,3\n', [], 3, 'one.csv: the time does not rise'),
         (RAMP, ['--driven', 'load'], 3, 'one.csv: the load is not at rest at first'),
         (loops('time_s,angle_rad,torque_Nm'), ['other.csv'], 2, 'other.csv: its load is in N, that of one.csv in Nm'),
     ],

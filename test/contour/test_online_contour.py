@@ -6,16 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from contour.slides import AROUND, CELL, DISC, ELLIPSE, arm, rested, since, slides, with_force, with_joints
+from contour.slides import AROUND, DISC, ELLIPSE, arm, rested, since, slides, with_force, with_joints
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
 from scara_kinetostatic.contour.result import Outline
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -153,11 +150,3 @@ def test_a_sensor_with_a_large_zero() -> None:
     for stamp in streams.wrench.stamp[:30].tolist():
         untared.add_wrench(stamp, [3.0, 4.0], stamp)
     assert untared.tare(10**9) == pytest.approx([3.0, 4.0])
-
-
-def test_touches_are_no_slide() -> None:
-    online = OnlineContour(arm())
-    streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL, 1))
-    problems = [online.problem for _ in polls(online, streams)]
-    assert not online.outlines
-    assert any('does not slide' in problem for problem in problems)
