@@ -170,8 +170,5 @@ def write_split(path: Path, parts: list[list[Message]]) -> None:
 
 NO_INDEX = {
     'index_types': IndexType.NONE,
-    'use_statistics': False,
-    'repeat_channels': False,
-    'repeat_schemas': False,
-    'use_summary_offsets': False,
+    **dict.fromkeys(('use_statistics', 'repeat_channels', 'repeat_schemas', 'use_summary_offsets'), False),
 }

@@ -119,10 +119,9 @@ def test_other_readers_open_what_is_written(tmp_path, cell, streams):
         np.testing.assert_array_equal(positions, streams.joints.position)
 
 
-@pytest.mark.parametrize('name', ['bare.mcap', 'bare zstd.mcap'])
-def test_a_strict_reader_of_mcap(name, tmp_path, cell, streams):
-    write_streams(tmp_path / name, streams, cell, **OWN[name])
-    with (tmp_path / name).open('rb') as stream:
+def test_a_strict_reader_of_mcap(tmp_path, cell, streams):
+    write_streams(tmp_path / 'a.mcap', streams, cell, compression='zstd')
+    with (tmp_path / 'a.mcap').open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary, found = reader.get_summary(), list(reader.iter_messages())
     assert summary is not None and summary.statistics is not None

@@ -63,7 +63,6 @@ def test_an_accuracy_that_declared_uncertainties_do_not_allow(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('options', 'status', 'said'),
     [
-        (['--accuracy', '0'], 2, 'above 0'),
         (['--accuracy', '5'], 2, 'at most 0.005, in SI units'),
         (['--expected', 'nowhere.yaml'], 2, 'nowhere.yaml'),
         (['--accuracy', '1e-8', '--per-disc', '6'], 3, 'out of reach'),

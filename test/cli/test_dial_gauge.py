@@ -53,7 +53,6 @@ def test_options_say_what_the_table_does_not(run, tmp_path):
         (ONE, ['--part', 'joint1'], 2, 'one.csv: line 2: a joint needs its lever'),
         (ONE, ['one.csv'], 2, 'one.csv: is given twice'),
         (ONE, ['--part', 'joint2', '--lever', '330'], 2, 'it is in m, not mm: give 0.33'),
-        (ONE, ['--out', 'one.csv'], 2, 'one.csv'),
         ('force_N,displacement_m\n1,0\n-1,0\n', [], 3, 'too few'),
     ],
 )

@@ -70,8 +70,7 @@ def result(folder):
 def test_a_table_is_calibrated_and_diagnosed(result, folder):
     digest = hashlib.sha256((folder / 'touches.csv').read_bytes()).hexdigest()
     assert result['recordings'] == [{'path': str(folder / 'touches.csv'), 'sha256': digest, 'start': None}]
-    touches = result['touches']
-    assert (touches['found'], touches['used'], touches['rejected']) == (108, 108, [])
+    assert [result['touches'][key] for key in ('found', 'used', 'rejected')] == [108, 108, []]
     assert [found['name'] for found in result['diagnosis']['effects']] == ['object_radius']
     radius = result['diagnosis']['effects'][0]['parameters']['radius']
     assert abs(radius['value'] - 6e-5) < 4 * radius['std']

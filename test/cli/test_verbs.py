@@ -60,9 +60,10 @@ def test_fix_at_a_value_and_at_the_nominal_one(run, recordings, tmp_path):
     assert run('calibrate', recordings / 'good', '--fix', 'l1=0.3302', '--fix', 'p1').status == 0
     entries = json.loads((tmp_path / 'calibration' / 'calibration.json').read_text(encoding='utf-8'))['parameters']
     fixed = {name: entry for name, entry in entries.items() if entry['status'] == 'fixed'}
-    assert fixed.keys() == {'l1', 'p1'}
-    assert (fixed['l1']['value'], fixed['l1']['std']) == (0.3302, 0)
-    assert (fixed['p1']['value'], fixed['p1']['std']) == (1e-5, 0)
+    assert {name: (entry['value'], entry['std']) for name, entry in fixed.items()} == {
+        'l1': (0.3302, 0),
+        'p1': (1e-5, 0),
+    }
 
 
 def test_inspect_lists_every_touch(run, recordings):
