@@ -179,12 +179,6 @@ def _p_values(found: Any) -> str:
     return f'{below} below 0.01; uniform (Kolmogorov–Smirnov): p at least {min(uniform):.2g} in {len(uniform)} cases'
 
 
-def _archive(found: Any) -> str:
-    same, number = found['same results'], found['recordings']
-    seconds = found['processes']['processor time, s'] / number
-    return f'the same results in {same} of {number}; {seconds:.2g} s of processor time each, without the page'
-
-
 def _reading(found: Any) -> str:
     times = {row['reader']: f'{float(np.median(row["processor_seconds"])):.2g} s' for row in found['records']}
     same = found['summary']['same arrays, to the last bit']
@@ -218,7 +212,6 @@ FIGURES: dict[str, tuple[Figure, ...]] = {
     'drift --only changes': (_changes,),
     'drift --only alarms bad': (_alarms,),
     'drift --only compare verify': (_p_values,),
-    'archive': (_archive,),
     'reading': (_reading,),
     'faults.hostile': (_hostile,),
     'faults.fuzz': (_fuzz,),

@@ -33,18 +33,12 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
-from scara_kinetostatic.pipeline import (
-    calibrate_recordings,
-    calibrate_touches,
-    gather_touches,
-    left_out,
-    usable_touches,
-)
+from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, usable_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World, parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
-from scara_kinetostatic.touches.detection import Detection, press_of
+from scara_kinetostatic.touches.detection import press_of
 from scara_kinetostatic.touches.streams import Streams
 
 _LOAD = "give one, such as load_cell('cell.yaml')"
@@ -177,36 +171,32 @@ def simulate(
         expect(truth, Mapping, 'truth', "give the parameters by name, such as {'l1': 0.3302}")
         unknown = [name for name in truth if name not in cell.nominal.names]
         if unknown:
-            raise ParameterError(
-                'truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], cell.nominal.names)
-            )
+            remedy = did_you_mean(unknown[0], cell.nominal.names)
+            raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', remedy)
     world = World.of(cell, None) if drawn is None else World.draw(cell, np.random.default_rng(drawn))
     if not isinstance(truth, Parameters):
         truth = world.robot(cell.nominal).replace(**truth)
-    robot = with_effects(
-        truth, [parse_effect(text, cell) for text in ([effects] if isinstance(effects, str) else effects)]
-    )
+    texts = [effects] if isinstance(effects, str) else effects
+    robot = with_effects(truth, [parse_effect(text, cell) for text in texts])
     plan, noise = default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE
     return world.reported(simulate_touches(world.cell, robot, plan, noise, seed))
 
 
-def diagnose(
-    source: Calibration | TouchSet | Paths, cell: Cell | None = None, *, fixed: Mapping[str, float] | None = None
-) -> Outcome:
+def diagnose(source: TouchSet | Paths, cell: Cell, *, fixed: Mapping[str, float] | None = None) -> Outcome:
     """Calibrate, look for model errors, and extend the model by those found: the whole outcome of the command.
 
     Args:
-        source: touches, or the recordings and touch tables that hold them, or a calibration of the base model.
-        cell: the cell; not with a calibration, which has its own.
-        fixed: parameters to hold, by name, at these values; not with a calibration. Those of an effect, by label and
-            name, all of them: the effect is in the model with these values, and is not looked for.
+        source: touches, or the recordings and touch tables that hold them.
+        cell: the cell.
+        fixed: parameters to hold, by name, at these values. Those of an effect, by label and name, all of them: the
+            effect is in the model with these values, and is not looked for.
 
     Returns:
         ``outcome.verdict``; ``outcome['l1'].value``, ``.std``, ``.unit`` of the base model's parameters, and
         ``outcome.effects['object_radius[disc_2]']['radius']`` alike; more in `Outcome`.
 
     Raises:
-        InputError: a file or the cell is wrong; no cell is given, or one besides a calibration.
+        InputError: a file or the cell is wrong.
         UnsupportedDataError: the touches cannot support a calibration.
 
     Example:
@@ -219,17 +209,6 @@ def diagnose(
         >>> print(f'{1e6 * radius.value:.0f} ± {1e6 * radius.std:.0f} µm')
         60 ± 2 µm
     """
-    if isinstance(source, Calibration):
-        for name, given in (('cell', cell), ('fixed', fixed)):
-            if given is not None:
-                raise InputError(name, 'a calibration has its own', 'leave it out, or give the touches')
-        if any(effect.label not in source.held_effects for effect in source.model.effects):
-            problem = 'expected a calibration of the base model, got one with effects'
-            raise InputError('source', problem, 'give its touches and its cell')
-        detection = Detection.of(source.touches, left_out(source))
-        return calibrate_touches(detection, source.cell, calibration=source)
-    if cell is None:
-        raise InputError('cell', 'is missing', _LOAD)
     expect(cell, Cell, 'cell', _LOAD)
     if isinstance(source, TouchSet):
         return calibrate_touches(source, cell, fixed=fixed)
@@ -347,8 +326,8 @@ def trace_contour(
 ) -> Contour:
     """The outline of an object of unknown shape, from a recording in which the tip slides along it under force.
 
-    ``contour.outlines`` are the passes joined; ``sk.fit_shape(contour, arm, 'circle')`` fits a circle, ``'arc'`` or
-    ``'line'``, ``sk.fit_pieces(contour, arm)`` splits an outline into lines and arcs.
+    ``contour.outlines`` are the passes joined; ``sk.fit_shape(contour, arm, 'circle')`` fits a circle, ``'line'``
+    a line, ``sk.fit_pieces(contour, arm)`` splits an outline into lines and arcs.
 
     Args:
         recording: its path, or the streams read from it; it begins and ends with free motion.

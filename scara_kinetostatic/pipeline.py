@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Check, Origin, check_touches, wrong_unit
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
@@ -25,7 +24,7 @@ from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
 
@@ -176,7 +175,6 @@ def calibrate_touches(
     touches: Detection | TouchSet,
     cell: Cell,
     *,
-    calibration: Calibration | None = None,
     fixed: Mapping[str, float] | None = None,
     sources: Sequence[str | Path] = (),
     progress: Progress = _unreported,
@@ -186,8 +184,7 @@ def calibrate_touches(
     Args:
         touches: as detected in recordings, or as they come from elsewhere.
         cell: the cell.
-        calibration: the base model's fit of these touches, where there is one.
-        fixed: parameters to hold, by name; those of `calibration` where it is given.
+        fixed: parameters to hold, by name.
         sources: the files that the touches come from; messages name them.
         progress: called at each step.
 
@@ -201,28 +198,30 @@ def calibrate_touches(
     names = ', '.join(map(str, sources)) or 'these touches'
     if fixed:
         check_units(fixed, cell.nominal)
-    held = fixed if calibration is None else calibration.fixed
-    check = check_touches(detection.held, cell, fixed=held, origin=_origin(sources))
+    check = check_touches(detection.held, cell, fixed=fixed, origin=_origin(sources))
     mistake = check.mistake()
-    if mistake is not None and mistake.is_gross and calibration is None:
+    if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
-    with _explained_by(check, names):
+    try:
         if not len(detection.touches):
             raise _no_touches(detection, names)
         _check_limits(detection.touches, cell)
-        if calibration is None:
-            calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
-        else:
-            progress('diagnosing the model', 0.3)
-            diagnosis = diagnose(calibration)
+        calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
         calibration = diagnosis.refitted or calibration
         progress('predicting held-out touches', 0.8)
         final = diagnosis.extended or calibration
         _check_converged(final, detection, names)
         held_out = held_out_force_error(replace(calibration, used=final.used))
         extended_held_out = held_out if final is calibration else held_out_force_error(final)
+    except ParameterError:
+        raise
+    except (UnsupportedDataError, InputError) as error:
+        if (mistake := mistake or check.displaced()) is None:
+            raise
+        raise mistake.error(names) from error
     progress('done', 1.0)
-    rejected = {item.index: item for item in (*detection.rejected, *left_out(calibration), *final.rejected)}
+    before_fit = [item for item in calibration.rejected if item.index not in calibration.touches.index]
+    rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}
     return Outcome(
         calibration=calibration,
         held_out=held_out,
@@ -235,20 +234,6 @@ def calibrate_touches(
         check=check,
         sources=tuple(map(str, sources)),
     )
-
-
-@contextmanager
-def _explained_by(check: Check, names: str) -> Iterator[None]:
-    """Names the mistake behind a failure, where there is one."""
-    try:
-        yield
-    except ParameterError:
-        raise
-    except (UnsupportedDataError, InputError) as error:
-        mistake = check.mistake() or check.displaced()
-        if mistake is None:
-            raise
-        raise mistake.error(names) from error
 
 
 def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> TouchSet:
@@ -299,11 +284,6 @@ def _unknown_sequence(detection: Detection, diagnosis: Diagnosis) -> list[str]:
     return [f'{order}: after a shift the result is that of the last']
 
 
-def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
-    """The touches that were rejected before the fit: they are not in `Calibration.touches`."""
-    return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
-
-
 def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
     """Check that recordings in which hardly a touch is found are in rad and N.
 
@@ -316,11 +296,8 @@ def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
         largest = float(force.max(initial=0.0))
         mistake = wrong_unit(streams.joints.position, largest)
         if mistake is not None and mistake.where == 'force' and largest < 1.0:
-            statement, action = (
-                f'{mistake.statement}, or nothing was touched',
-                f'{mistake.action}, or touch the objects',
-            )
-            mistake = replace(mistake, statement=statement, action=action)
+            statement = f'{mistake.statement}, or nothing was touched'
+            mistake = replace(mistake, statement=statement, action=f'{mistake.action}, or touch the objects')
         if mistake is not None:
             raise mistake.error(str(path))
 

@@ -1,16 +1,14 @@
 """A `.mcap` file, complete or cut off, read from its start by the library `mcap` down to its chunks.
 
 Of a file whose writer was killed, or whose end is lost, all is read up to there; of a damaged file everything but the
-damaged chunks, where the first one, which defines the topics, is whole. Chunk and file have checksums, and a complete
-file counts its messages: damage that changes what is read becomes a warning. The messages of a chunk become arrays,
-without an object for each.
+damaged chunks, where the first one, which defines the topics, is whole. Chunk and file have checksums: damage that
+changes what is read becomes a warning. The messages of a chunk become arrays, without an object for each.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -31,9 +29,9 @@ from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batc
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
 _ENTRY = 16
-"""Bytes of statistics, a schema or a channel that cost as much as a record."""
+"""Bytes of a schema or a channel that cost as much as a record."""
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_READ = (Opcode.HEADER, *_DEFINITIONS, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.STATISTICS, Opcode.FOOTER)
+_READ = (Opcode.HEADER, *_DEFINITIONS, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER)
 """Records that are read; the others, such as the index, are skipped."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
@@ -47,20 +45,10 @@ class McapFile(Source):
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
-        read, statistics = Counter[str](), list[Statistics]()
         with self.path.open('rb') as stream:
-            for batch in self._batches(stream, wanted, statistics):
-                read[batch.topic.name] += len(batch.start)
-                yield batch
-        counts = statistics[0].channel_message_counts if statistics and not self.warnings else {}
-        for topic in wanted if counts else ():
-            expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
-            if expected != read[topic]:
-                stated = f'its index states {expected} messages of {topic}, read were {read[topic]}'
-                self.warnings.append(f'{self.path.name}: {stated}')
+            yield from self._batches(stream, wanted)
 
-    def _batches(self, stream: IO[bytes], wanted: Collection[str], statistics: list[Statistics]) -> Iterator[Batch]:
-        """The messages; appends what the file states of their number."""
+    def _batches(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
         offset, ended = len(MAGIC), False
         reader = _Records(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self.path.stat().st_size)
@@ -79,8 +67,6 @@ class McapFile(Source):
                     yield from self._chunk(record, offset, wanted)
                 elif isinstance(record, (Schema, Channel)):
                     self._define([record])
-                elif isinstance(record, Statistics):
-                    statistics.append(record)
                 ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
@@ -93,9 +79,11 @@ class McapFile(Source):
             yield Batch.from_payloads(topic, *messages)
 
     def _chunk(self, chunk: Chunk, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
+        if (size := max(chunk.uncompressed_size, len(chunk.data))) > self._budget.largest_piece:
+            skipped = f'a chunk of {size} bytes, at byte {offset}, was skipped'
+            self.warnings.append(f'{self.path.name}: {skipped}; if you trust it, --max-bytes {size} reads it')
+            return
         try:
-            if (size := max(chunk.uncompressed_size, len(chunk.data))) > (most := self._budget.largest_piece):
-                raise ValueError(f'a chunk of {size} bytes, expected at most {most}; see --max-bytes')
             data = unpack(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
             if chunk.compression and len(data) != chunk.uncompressed_size:
                 raise ValueError(f'it unpacks to {len(data)} bytes, expected {chunk.uncompressed_size}')
@@ -105,7 +93,8 @@ class McapFile(Source):
             self._budget.charge(len(chunk.data) + len(data), number + sum(map(len, definitions)) // _ENTRY)
             self._define(map(_definition, definitions))
         except _DAMAGE as error:
-            self._damaged(offset, error)
+            reason = str(error) or type(error).__name__
+            self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
             return
         places: dict[Topic, list[int]] = {}
         for key, found in starts.items():
@@ -126,10 +115,6 @@ class McapFile(Source):
                 msgtype = self._schemas.get(record.schema_id, 'unknown')
                 self._topics[record.id] = Topic.of(record.topic, msgtype, record.message_encoding)
 
-    def _damaged(self, offset: int, error: Exception) -> None:
-        reason = str(error) or type(error).__name__
-        self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
-
 
 class _Records(StreamReader):
     """That of `mcap`, which takes records of any length apart: they are charged before, and only some are read."""
@@ -139,7 +124,7 @@ class _Records(StreamReader):
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
             _check_definition(length)
-        self.budget.charge(0, 1 + length // _ENTRY if opcode in (*_DEFINITIONS, Opcode.STATISTICS) else 1)
+        self.budget.charge(0, 1 + length // _ENTRY if opcode in _DEFINITIONS else 1)
         return super()._read_record(opcode if opcode in _READ else 0, length)
 
 

@@ -57,15 +57,16 @@ def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], mo
 
 
 def real(
-    lowest: float = float('-inf'), most: float = sys.float_info.max, *, above: bool = False
-) -> Callable[[str], float]:
+    lowest: float = float('-inf'), most: float = sys.float_info.max, *, above: bool = False, kind: type = float
+) -> Callable[[str], Any]:
     """A type for `add_argument`: a finite number from `lowest`, with `above` from above it, to `most`."""
 
-    def convert(text: str) -> float:
+    def convert(text: str) -> Any:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f'expected a number, got {text!r}') from None
+            wanted = 'a whole number' if kind is int else 'a number'
+            raise argparse.ArgumentTypeError(f'expected {wanted}, got {text!r}') from None
         if value > most < sys.float_info.max:
             raise argparse.ArgumentTypeError(f'expected at most {most:g}, in SI units, got {text}')
         if not lowest <= value < float('inf') or (above and value == lowest):
@@ -76,19 +77,9 @@ def real(
     return convert
 
 
-def whole(lowest: int) -> Callable[[str], int]:
+def whole(lowest: int) -> Callable[[str], Any]:
     """A type for `add_argument`: a whole number of `lowest` or more."""
-
-    def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f'expected a whole number, got {text!r}') from None
-        if value < lowest:
-            raise argparse.ArgumentTypeError(f'expected {lowest} or more, got {text}')
-        return value
-
-    return convert
+    return real(lowest, kind=int)
 
 
 def add_options(parser: argparse._ActionsContainer, *rows: tuple[Any, ...]) -> None:
@@ -146,9 +137,16 @@ def add_results(
     """
     meaning = f'results (default: {default})' if default else f'folder for {files or "the results"}'
     folder = Path(default) if default else None
-    parser.add_argument('--out', type=Path, default=folder, required=required, metavar='DIR', help=meaning)
+    parser.add_argument('--out', type=_folder, default=folder, required=required, metavar='DIR', help=meaning)
     if json:
         parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+
+
+def _folder(text: str) -> Path:
+    """A folder for results."""
+    if os.path.isfile(text):  # noqa: PTH113  that of Path raises where a folder above may not be entered
+        raise argparse.ArgumentTypeError(f'{text} cannot be written: it is a file, expected a folder')
+    return Path(text)
 
 
 def cell_or_paper(path: Path | None) -> Cell:
@@ -188,14 +186,13 @@ def check_file(path: Path, inputs: Sequence[Path], option: str = '--out', suffix
 
 
 @contextmanager
-def progress(*, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
-    """A function that shows in one line on stderr what is being done; if stderr is no terminal, nothing or, with
-    `lines`, one line each.
+def progress() -> Iterator[Callable[[str, float], None]]:
+    """A function that shows in one line on stderr what is being done; nothing if stderr is no terminal.
 
     It is called with what is done and the part of the work that is done, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield lambda what, part: note(f'{what} …') if lines else None
+        yield lambda what, part: None
         return
     from rich.console import Console
     from rich.markup import escape

@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> None:
             limits, remedy = ', and within robot.limits', 'choose other places, or the other elbow'
         raise UnsupportedDataError(f'{args.table}: no pose is within reach of the arm{limits}', remedy)
     cell = predictor.arm.cell
-    (q1, q2), (c1, c2) = cell.readings(found.joints).T, cell.in_sense(found.torques).T
+    (q1, q2), (c1, c2) = cell.readings(found.joints).T, cell.in_sense(found.torques).T + 0.0  # no -0.0
     results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
     write(args.out, table, results | {'status': found.status}, predictor)
     if table.elbows is None:

@@ -6,9 +6,8 @@ are taken out by the calibrated model, the radius of the tip along the measured
 normal; friction, lost contact and stick are considered; several passes are
 joined and closed outlines closed. Writes into DIR
 
-  contour.csv    time_s,x_m,y_m,nx,ny,std_normal_m,force_N,deviation_m: every
-                 point of the surface, its outward normal, standard uncertainty
-                 along it, distance from the object of the cell that it is on
+  contour.csv    time_s,x_m,y_m,nx,ny,std_normal_m,force_N: every point of the
+                 surface, its outward normal, standard uncertainty along it
   contour.svg    the outlines in mm
   contour.dxf    the same as polylines (release 12, mm)
   contour.html   a page with figures
@@ -33,7 +32,7 @@ from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    shapes = ('pieces', 'circle', 'arc', 'line')
+    shapes = ('pieces', 'circle', 'line')
     cell = 'topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)'
     fit = 'fit this shape to every outline; pieces: split it into lines and arcs and fit each; repeatable'
     add_options(
@@ -56,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
     """
     from scara_kinetostatic.bags.reader import read_streams
-    from scara_kinetostatic.contour.fits import ShapeFit, deviations, fit_pieces, fit_shape, of_all_points
+    from scara_kinetostatic.contour.fits import ShapeFit, fit_pieces, fit_shape
     from scara_kinetostatic.contour.report import contour_document, contour_report
     from scara_kinetostatic.contour.result import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.trace import trace_contour
@@ -86,13 +85,12 @@ def run(args: argparse.Namespace) -> None:
             except UnsupportedDataError as error:
                 failed.append(f'no {shape} through outline {number + 1}: {error.problem}')
     contour = replace(contour, warnings=(*contour.warnings, *failed))
-    compared = deviations(contour, cell)
-    report = contour_report(contour, fits, compared, str(args.calibration))
+    report = contour_report(contour, fits, str(args.calibration))
     files = {
-        CSV: csv_text(contour, of_all_points(contour, compared), cell.plane),
+        CSV: csv_text(contour),
         SVG: svg_text(contour.outlines),
         DXF: dxf_text(contour.outlines),
         'contour.html': as_page(report),
     }
-    document = contour_document(contour, fits, compared)
+    document = contour_document(contour, fits)
     print_result(as_text(report), args.out, files, document if args.json else None)

@@ -50,9 +50,8 @@ def run(args: argparse.Namespace) -> None:
         if str(error.name).startswith('scara_kinetostatic'):
             raise
         remedy = "install the ROS wheels by pip install 'scara_kinetostatic[ros]', or source a ROS 2 installation"
-        raise InputError(
-            'demo', f'needs ROS 2 Jazzy, and the module {error.name!r} is not installed', remedy
-        ) from error
+        problem = f'needs ROS 2 Jazzy, and the module {error.name!r} is not installed'
+        raise InputError('demo', problem, remedy) from error
     from scara_kinetostatic.files.cell_file import load_cell
 
     cell = load_cell(args.cell) if args.cell else None
@@ -66,14 +65,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _print_progress(accepted: int, known: float | None, touch: str) -> None:
-    """One line for a touch; the bar is shorter by 10 where the uncertainty is a tenth."""
-    from math import isinf, log10
-
-    bar = ''
-    text = '' if known is None else 'not yet' if isinf(known) else f'{1e6 * known:.0f} µm'
-    if known is not None and not isinf(known):
-        bar = '█' * max(1, round(10 * log10(known / 5e-6)))
-    print(f'{accepted:5}  {text:>8}  {bar:24}  {touch}', flush=True)
+    """One line for a touch."""
+    text = '' if known is None else 'not yet' if known == float('inf') else f'{1e6 * known:.0f} µm'
+    print(f'{accepted:5}  {text:>8}  {touch}', flush=True)
 
 
 def _print_result(result: DemoResult) -> None:

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
         load=args.load or max(args.levels),
         under_load=args.under_load,
     )
-    with progress(lines=True) as show_progress:
+    with progress() as show_progress:
         design = optimal_design(Robot(cell, expected, noise, assumed), requirements, show_progress)
     plan = {'plan.yaml': plan_text(design)}
     print_report(args, 'design', design_report(design), design_document(design), plan)

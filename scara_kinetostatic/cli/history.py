@@ -3,12 +3,11 @@
 Keeps the calibrations of robots in one SQLite file: robot, date, parameters with
 their covariance, assessment, and the whole calibration.json.
 
-  add      put calibrations into FILE, which is made if it does not exist
-  list     print them in the order of their recordings, with what changed from one
-           to the next, and slowly since the last change; of several by the same
-           recordings, the last one
-  page     the same as a page with the trend of every parameter, history.html in DIR
-  remove   take the calibrations of these NUMBERs out
+  add    put calibrations into FILE, which is made if it does not exist
+  list   print them in the order of their recordings, with what changed from one
+         to the next, and slowly since the last change; of several by the same
+         recordings, the last one
+  page   the same as a page with the trend of every parameter, history.html in DIR
 
 Example:
   scara-kinetostatic history add robots.sqlite result/calibration.json
@@ -26,33 +25,30 @@ from scara_kinetostatic.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    actions = ('add', 'list', 'page', 'remove')
     robot = 'name of the robot (default: as its cell description identifies it)'
     add_options(
         parser,
-        ('action', '', actions, 'what to do'),
+        ('action', '', ('add', 'list', 'page'), 'what to do'),
         ('file', 'FILE', Path, 'the SQLite file'),
-        ('items', 'CALIBRATION.json', str, 'files to add; or numbers to remove', {'nargs': '*'}),
+        ('items', 'CALIBRATION.json', str, 'files to add', {'nargs': '*'}),
         ('--robot', 'NAME', str, robot, {'default': ''}),
         ('--out', 'DIR', Path, 'of page (default: history)', {'default': Path('history')}),
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Adds, lists, writes the page, or removes.
+    """Adds, lists or writes the page.
 
     Raises:
-        InputError: FILE is no history, a calibration cannot be read or is of another robot, there is none of a number,
-            or DIR cannot be written.
+        InputError: FILE is no history, a calibration cannot be read or is of another robot, or DIR cannot be written.
     """
     from scara_kinetostatic.monitoring.history import History, trends_of
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.report import history_report
     from scara_kinetostatic.report import as_page, as_text
 
-    takes = {'add': 'calibrations to add', 'remove': 'numbers'}
-    if (args.action in takes) != bool(args.items):
-        problem = f'expected {takes[args.action]}' if args.action in takes else f'{args.action} takes no calibrations'
+    if (args.action == 'add') != bool(args.items):
+        problem = 'expected calibrations to add' if args.action == 'add' else 'takes no calibrations'
         raise InputError(f'history {args.action}', problem)
     if args.action == 'add':
         records = [CalibrationRecord.load(path) for path in args.items]
@@ -60,14 +56,7 @@ def run(args: argparse.Namespace) -> None:
         for path, is_new in zip(args.items, added, strict=True):
             print(f'{path}: {"added" if is_new else "is in the history already"}')
         return
-    history = History(args.file)
-    if args.action == 'remove':
-        if wrong := [item for item in args.items if not (item.isascii() and item.isdigit() and len(item) < 19)]:
-            raise InputError('history remove', f'expected a number of the list, got {wrong[0]!r}')
-        history.remove([int(item) for item in args.items])
-        print(f'removed: {" ".join(args.items)}')
-        return
-    entries = history.entries(args.robot)
+    entries = History(args.file).entries(args.robot)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
     shown = history_report(trends_of(entries))

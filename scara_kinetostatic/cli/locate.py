@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import add_options, check_file, note
+from scara_kinetostatic.cli.arguments import add_options, check_file
 from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
 
 
@@ -64,5 +64,3 @@ def run(args: argparse.Namespace) -> None:
     (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
     results = {'x_m': x, 'y_m': y, 'std_x_m': std_x, 'std_y_m': std_y, 'cov_xy_m2': found.covariance[:, 0, 1]}
     write(args.out, table, results | {'status': found.status}, predictor)
-    if args.measured and predictor.nominal:
-        note('--measured changes nothing: the nominal arm has no errors of the sensor')

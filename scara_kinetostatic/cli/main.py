@@ -21,7 +21,7 @@ from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
 VERBS = {
-    'calibration': ('cell', 'calibrate', 'inspect', 'verify', 'compare', 'history', 'recalibrate'),
+    'calibration': ('cell', 'calibrate', 'inspect', 'verify', 'compare', 'history'),
     'use of a calibration': ('compensate', 'locate', 'export', 'contour'),
     'planning': ('simulate', 'design', 'next', 'demo'),
     'studies': ('paper', 'dial_gauge', 'hysteresis', 'mujoco'),

@@ -1,4 +1,4 @@
-"""Circle, arc and line through the surface points of an outline; how far it lies from an object of the cell.
+"""Circle, arc and line through the surface points of an outline.
 
 The residual e of a point is its distance along the normal; least squares over the parameters a, e = A a.
 
@@ -25,13 +25,10 @@ and λ the penalty of a piece. The least sum for the first k nodes follows from 
 for a circle with the algebraic distance (‖p - c‖² - R²) / (2 R) (Kåsa 1976). The division says which points belong
 together; the shapes and their uncertainties are those of the fits through these points, without those close to the
 ends of a piece, which may belong to the next.
-
-**Deviations.** Nothing is fitted: outline and object stand where calibration and cell description place them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -40,14 +37,10 @@ from scara_kinetostatic.contour.result import Contour, Outline
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
-from scara_kinetostatic.model.cell import Cell, Disc
-from scara_kinetostatic.model.outline import surfaces_of
 
-_CIRCLE = (('center_x', 'm'), ('center_y', 'm'), ('radius', 'm'))
 SHAPES = {
-    'circle': _CIRCLE,
-    'arc': (*_CIRCLE, ('begin', 'rad'), ('end', 'rad')),
-    'line': (('x', 'm'), ('y', 'm'), ('normal_angle', 'rad'), ('length', 'm')),
+    'circle': (('center_x', 'm'), ('center_y', 'm'), ('radius', 'm')),
+    'line': (('x', 'm'), ('y', 'm'), ('normal_angle', 'rad')),
 }
 """What can be fitted: its parameters with their units."""
 FEWEST_POINTS = 10
@@ -90,9 +83,8 @@ class FittedValue(NamedTuple):
 
     Attributes:
         value: in its unit.
-        std: its standard uncertainty; NaN where the touches of the calibration do not determine it, and of what the
-            begin and the end of the slide decide: the length of a line, the ends of an arc. That of x and y of a line,
-            the middle of its points, is across the line.
+        std: its standard uncertainty; NaN where the touches of the calibration do not determine it. That of x and y of
+            a line, the middle of its points, is across the line.
         unit: ``m`` or ``rad``.
     """
 
@@ -105,7 +97,7 @@ class ShapeFit(NamedTuple):
     """A shape through the points of an outline.
 
     Attributes:
-        shape: ``circle``, ``arc`` or ``line``.
+        shape: ``circle`` or ``line``.
         outline: its number in the contour.
         values: parameters by name, such as ``radius``, with standard uncertainties.
         residual: of each point along the normal, outside positive, (n,), m.
@@ -150,7 +142,7 @@ def fit_shape(contour: Contour, arm: CalibratedArm, shape: str, outline: int = 0
     Args:
         contour: the measured surface.
         arm: the calibrated arm of the contour.
-        shape: ``circle``, ``arc`` or ``line``.
+        shape: ``circle`` or ``line``.
         outline: number of the outline, 0 for the longest.
 
     Raises:
@@ -174,38 +166,28 @@ def _points_of(contour: Contour, outline: int) -> Mask:
     return np.isin(contour.passes, contour.outlines[outline].passes)
 
 
-def _fit(
-    contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline: int, whole: Floats | None = None
-) -> ShapeFit:
-    """The shape that fits some points, a mask (N,), of an outline best; length and ends are those of the whole, (k, 2).
+def _fit(contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline: int) -> ShapeFit:
+    """The shape that fits some points, a mask (N,), of an outline best.
 
     Raises:
         UnsupportedDataError: too few points, or they are on a straight line where a circle is asked for.
     """
     if points.sum() < FEWEST_POINTS:
         raise UnsupportedDataError(f'{points.sum()} points are too few for a fit', 'slide for longer')
-    place, fit = contour.surface[points], _line if shape == 'line' else _round
-    found, residual, design = fit(place, contour.normal[points], place if whole is None else whole)
+    fit = _line if shape == 'line' else _round
+    found, residual, design = fit(contour.surface[points], contour.normal[points])
     std = parameter_stds(contour, arm, points, design, residual)
-    stds = (std[0], std[0], std[1], np.nan) if shape == 'line' else (*std, np.nan, np.nan)
+    stds = std[[0, 0, 1]] if shape == 'line' else std
     values = {
         name: FittedValue(float(value), float(u), unit)
-        for (name, unit), value, u in zip(SHAPES[shape], found, stds, strict=False)
+        for (name, unit), value, u in zip(SHAPES[shape], found, stds, strict=True)
     }
     misfit = rms(residual / np.maximum(contour.stretch(points).weighing, 1e-12))
     return ShapeFit(shape, outline, values, residual, points, misfit)
 
 
-def extent(angle: Floats) -> tuple[float, float]:
-    """The shortest arc that holds all angles, counter-clockwise from its begin, -π to π, rad."""
-    ordered = np.sort(angle)
-    gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
-    begin = float(np.roll(ordered, -1)[gaps.argmax()])
-    return begin, begin + 2 * np.pi - float(gaps.max())
-
-
-def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
-    """A circle: center, radius and the ends of the arc; residuals along the normals; their design matrix.
+def _round(place: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:
+    """A circle: center and radius; residuals along the normals; their design matrix.
 
     Raises:
         UnsupportedDataError: the points are on no circle.
@@ -224,19 +206,17 @@ def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, .
     if rank < 3 or not np.isfinite(values).all() or values[2] > 1e3:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
     away, side = np.hypot(x - values[0], y - values[1]), np.sign(np.sum(design[:, :2] * normal))
-    center = values[:2] + origin
-    found = (*center, values[2], *extent(np.arctan2(*(whole - center).T[::-1])))
-    return found, side * (away - values[2]), side * design
+    return np.append(values[:2] + origin, values[2]), side * (away - values[2]), side * design
 
 
-def _line(place: Floats, outward: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
-    """A line: its middle, the angle of its normal, its length; residuals along the normal; their design matrix."""
+def _line(place: Floats, outward: Floats) -> tuple[Floats, Floats, Floats]:
+    """A line: its middle, the angle of its normal; residuals along the normal; their design matrix."""
     origin = place.mean(axis=0)
     x, y = np.linalg.svd(place - origin, full_matrices=False)[2][0]
     normal = np.array([y, -x]) * (np.sign(np.sum(outward @ [y, -x])) or 1.0)
     across = np.array([-normal[1], normal[0]])
     distance = (place - origin) @ across
-    found = (*origin, np.arctan2(normal[1], normal[0]), np.ptp(whole @ across))
+    found = np.append(origin, np.arctan2(normal[1], normal[0]))
     return found, (place - origin) @ normal, np.column_stack([np.ones_like(distance), distance])
 
 
@@ -249,9 +229,8 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
         outline: number of the outline, 0 for the longest.
 
     Returns:
-        For each piece in its order along the outline, the object on the left, a fit ``line``, ``arc`` or, where the
-        whole outline is one, ``circle``, with its number `piece`. Length and ends are those of the whole piece, the
-        other values and the residuals those of its points away from the ends. Pieces with too few points are left out.
+        For each piece in its order along the outline, the object on the left, a fit ``line`` or ``circle`` with its
+        number `piece`, through its points away from the ends. Pieces with too few points are left out.
 
     Raises:
         ParameterError: there is no such outline.
@@ -266,11 +245,10 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
         label[nodes[(along >= margin) & (along <= along[-1] - margin)]] = number
     owner = label[_nearest_nodes(contour, points, made)]
     fits = []
-    for number, (nodes, is_arc) in enumerate(pieces):
+    for number, (_, is_arc) in enumerate(pieces):
         own = np.isin(np.arange(len(contour)), points[owner == number])
         if own.sum() >= FEWEST_POINTS:
-            shape = ('circle' if made.closed and len(pieces) == 1 else 'arc') if is_arc else 'line'
-            fits.append(_fit(contour, arm, own, shape, outline, made.points[nodes])._replace(piece=number))
+            fits.append(_fit(contour, arm, own, 'circle' if is_arc else 'line', outline)._replace(piece=number))
     return tuple(fits)
 
 
@@ -357,78 +335,3 @@ def _misfits(moments: Floats) -> tuple[Floats, Floats]:
         arc = np.maximum(square - a * uz - b * vz - c * (uu + vv), 0.0) / (4 * radius)
         arc = np.where(np.isfinite(arc) & (radius < 10.0**2), arc, np.inf)  # larger than 10 m: a line
     return line, arc
-
-
-NEAR = 5e-3
-"""Most of an outline is no farther than this from the object that it is of, m; points beyond are not of the object."""
-
-
-class Deviation(NamedTuple):
-    """How far the points of an outline lie from an object of the cell.
-
-    Attributes:
-        outline: its number in the contour.
-        object: name of the object.
-        points: numbers of those points of the contour that are next to the object, (n,).
-        distance: from the object, outside positive, (n,), m.
-        std: standard uncertainty of each by the measurement, (n,), m; NaN where the calibration does not determine it.
-        misfit: root mean square of the distances in standard uncertainties; about 1 where the object is as stated.
-    """
-
-    outline: int
-    object: str
-    points: Indices
-    distance: Floats
-    std: Floats
-    misfit: float
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the distances, m."""
-        return rms(self.distance)
-
-    @property
-    def largest(self) -> int:
-        """Place of the largest distance among the points."""
-        return int(np.abs(self.distance).argmax())
-
-
-def deviations(contour: Contour, cell: Cell) -> tuple[Deviation, ...]:
-    """The deviations of those outlines that lie along an object of the cell, in their order.
-
-    The centre of the tip is compared with the object grown by the radius of the tip: so an error of the normal does not
-    count.
-
-    Args:
-        contour: the measured surface.
-        cell: with the objects as stated; the radii of its discs contain `Cell.tip_radius`.
-    """
-    radius, found = contour.tip_radius, list[Deviation]()
-    change = radius - (cell.tip_radius or 0.0)
-    objects = [item._replace(radius=item.radius + change) if isinstance(item, Disc) else item for item in cell.discs]
-    each = [surfaces_of([item], radius) for item in objects]
-    for number, outline in enumerate(contour.outlines):
-        nodes = outline.points + radius * outline.normals
-        away = [float(np.median(surfaces.distances(nodes).min(axis=1))) for surfaces in each]
-        nearest = int(np.argmin(away))
-        if away[nearest] > NEAR:
-            continue
-        points, surfaces = np.flatnonzero(np.isin(contour.passes, outline.passes)), each[nearest]
-        tips = contour.surface[points] + radius * contour.normal[points]
-        distance, gap = surfaces.distances(tips), surfaces.gaps(tips)
-        rows = np.arange(len(points)), distance.argmin(axis=1)
-        distance, gap = distance[rows], gap[rows]
-        beside = (distance < NEAR) & (distance < np.abs(gap) + 1e-9)  # not past an open end
-        if beside.any():
-            points, off = points[beside], gap[beside]
-            misfit = rms(off / np.maximum(contour.stretch(points).weighing, 1e-12))
-            found.append(Deviation(number, objects[nearest].name, points, off, contour.std_normal[points], misfit))
-    return tuple(found)
-
-
-def of_all_points(contour: Contour, found: Iterable[Deviation]) -> Floats:
-    """The distance of each point of a contour, (N,), m; NaN of those that are not next to an object."""
-    distance = np.full(len(contour), np.nan)
-    for deviation in found:
-        distance[deviation.points] = deviation.distance
-    return distance

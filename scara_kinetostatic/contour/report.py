@@ -8,25 +8,22 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-from scara_kinetostatic.contour.fits import Deviation, ShapeFit
+from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
-from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
+from scara_kinetostatic.report.figure import SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import FIT_UNITS, count, micrometres, shown
+from scara_kinetostatic.report.quantities import FIT_UNITS, count, shown
 
 _MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
 
 
-def contour_report(
-    contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation], calibration: str
-) -> Report:
+def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str) -> Report:
     """What was measured, for the terminal and for `contour.html`.
 
     Args:
         contour: what was measured.
         fits: shapes through its outlines.
-        deviations: of its outlines from objects of the cell.
         calibration: name of the file of the calibration.
     """
     std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
@@ -34,15 +31,14 @@ def contour_report(
     form = 'Closed outline' if first.closed else 'Open outline'
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
     headline = f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
-    sentences = (*_sentences(contour), *(_deviation_sentence(contour, deviation) for deviation in deviations))
-    seen = 'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
-    seen += f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
+    seen = 'The surface in the base frame of the robot. '
+    seen += f'The radius of the tip, {_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
     of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
     of_which += 'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
     figures = Figure(partial(outline_picture, contour), seen), Note(of_which)
     return Report(
         title='Contour of an object by touch',
-        answer=Verdict(headline, 'caution' if contour.warnings else 'good', sentences),
+        answer=Verdict(headline, 'caution' if contour.warnings else 'good', _sentences(contour)),
         source=f'{contour.source}, with the calibration {calibration}',
         blocks=(Section('Outline', figures, shown='page'), *fit_sections(fits)),
         remarks=contour.warnings,
@@ -51,32 +47,17 @@ def contour_report(
 
 
 def _sentences(contour: Contour) -> tuple[str, ...]:
-    """What the recording holds and what was cut out."""
+    """What the recording holds, and friction."""
     low, high = np.quantile(np.hypot(*contour.force.T), (0.05, 0.95))
     held = f'{count(len(contour), "point")} in {count(int(contour.passes.max()) + 1, "pass", "passes")}'
     held += f' under {low:.1f} to {high:.1f} N'
-    lines = [f'{held}; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.']
-    cut = [(contour.stuck, 'the tip did not slide'), (contour.lost, 'contact was lost')]
-    parts = [f'{seconds:.2f} s in which {what}' for seconds, what in cut if seconds > 0]
-    lines += [f'Left out: {" and ".join(parts)}.'] if parts else []
+    held += '; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.'
     coefficient, std, rotation, rotation_std = contour.friction
     turn, rest = f', apparent rotation of the force sensor {shown(rotation, rotation_std, "rad", FIT_UNITS).text}', '.'
     if np.isnan(rotation):
         turn, rest = '', ', if the force sensor is not turned: travel in one direction cannot distinguish the two. '
         rest += 'The normals come from the path of the tip and need neither.'
-    return (*lines, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
-
-
-def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
-    k = deviation.largest
-    x, y = _MILLI * contour.surface[deviation.points[k]]
-    off, std = deviation.distance[k], deviation.std[k]
-    return (
-        f'Outline {deviation.outline + 1} lies along {deviation.object} of the cell description: at most '
-        f'{micrometres(abs(off))} µm (± {micrometres(2 * std)} µm) {"outside" if off > 0 else "inside"} of it, at '
-        f'x = {x:.1f} mm, y = {y:.1f} mm; rms {micrometres(deviation.rms)} µm, {deviation.misfit:.1f} times the '
-        'uncertainty of the points.'
-    )
+    return (held, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
 
 
 def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
@@ -88,8 +69,7 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
         for fit in own:
             name, values = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}', []
             for item in fit.values.values():
-                with_std = shown(*item, FIT_UNITS)._replace(unit='').text
-                values.append(with_std if item.std > 0 else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}')
+                values.append(shown(*item, FIT_UNITS)._replace(unit='').text)
             rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
             if not fit.fits:
                 remark = f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of'
@@ -100,18 +80,14 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
     return sections
 
 
-def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation]) -> Document:
+def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
     """The contour as data, without its points."""
     friction = ('coefficient', 'std', 'sensor_rotation', 'sensor_rotation_std')
-    fitted, deviating = [], []
+    fitted = []
     for fit in fits:
         found = {key: getattr(fit, key) for key in ('shape', 'outline', 'piece', 'values')}
         residual = {'residual': {'rms': fit.rms, 'largest': fit.largest}, 'misfit': fit.misfit, 'fits': fit.fits}
         fitted.append(found | residual)
-    for d in deviations:
-        at = {'std': d.std[d.largest], 'at': contour.surface[d.points[d.largest]]}
-        found = {'outline': d.outline, 'object': d.object, 'points': len(d.points), 'rms': d.rms, 'misfit': d.misfit}
-        deviating.append(found | {'largest': {'value': d.distance[d.largest], **at}})
     return {
         'schema': 'scara_kinetostatic/contour/1',
         'source': contour.source,
@@ -124,15 +100,13 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
             {'closed': o.closed, 'length': o.length, 'nodes': len(o.points), 'passes': o.passes}
             for o in contour.outlines
         ],
-        'left_out': {'no_sliding': contour.stuck, 'no_contact': contour.lost},
         'fits': fitted,
-        'deviations': deviating,
         'warnings': contour.warnings,
     }
 
 
 def outline_picture(contour: Contour) -> Markup:
-    """The outlines from above, in the base frame, with the direction of the force at some places."""
+    """The outlines from above, in the base frame."""
     points = np.concatenate([outline.points for outline in contour.outlines])
     low, high = points.min(axis=0), points.max(axis=0)
     span = float((high - low).max())
@@ -144,12 +118,5 @@ def outline_picture(contour: Contour) -> Markup:
         if outline.closed:
             axes.fill(x, y, color=SERIES[0], alpha=0.1, lw=0)
         axes.plot(x, y, color=SERIES[0], lw=1.6)
-    arrows = np.linspace(0, len(contour) - 1, 24).astype(int)
-    size_of = contour.force[arrows] / float(np.hypot(*contour.force.T).max())
-    begin = contour.surface[arrows] - 0.1 * span * size_of
-    axes.quiver(
-        *(_MILLI * begin).T, *(_MILLI * 0.1 * span * size_of).T, color=FAINT, angles='xy', scale_units='xy', scale=1,
-        width=0.0018, headwidth=5,
-    )  # fmt: skip
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', adjustable='datalim')
-    return as_svg(figure, 'outline', 'the outline from above with the forces on it')
+    return as_svg(figure, 'outline', 'the outline from above')

@@ -27,7 +27,6 @@ import numpy as np
 from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 
 SPACING = 5e-4
@@ -341,8 +340,6 @@ class Contour:
             sides, and the outline has its radius.
         tip_radius: m.
         zero: what the sensor reports without force, as it was taken for the last contact, (2,), N.
-        lost: time without contact between the first and the last contact, s.
-        stuck: time in contact without sliding, s.
         warnings: one sentence each.
 
     Example:
@@ -370,8 +367,6 @@ class Contour:
     inner_corner: Mask
     tip_radius: float
     zero: Floats
-    lost: float
-    stuck: float
     warnings: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -426,24 +421,17 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
 
 
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
-COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N', 'deviation_m')
+COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N')
 LAYER = 'CONTOUR'
 _MILLI = 1e3
 
 
-def csv_text(contour: Contour, deviation: Floats, plane: Plane) -> str:
-    """The points of the surface in the order of time; their deviation from an object of the cell, (n,), m, or NaN.
-
-    Where the plane is stated the points in the robot's frame follow.
-    """
+def csv_text(contour: Contour) -> str:
+    """The points of the surface in the order of time."""
     size = np.hypot(*contour.force.T)
-    points = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size, deviation)
-    forms = ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f', '.3e')
-    columns = list(zip(COLUMNS, forms, points, strict=True))
-    if plane.is_stated:
-        names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
-        columns += zip(names, ('.9f',) * 3, plane.in_robot(contour.surface).T, strict=True)
-    return csv_lines({name: [f'{value:{form}}' for value in values.tolist()] for name, form, values in columns})
+    points = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size)
+    rows = zip(COLUMNS, ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f'), points, strict=True)
+    return csv_lines({name: [f'{value:{form}}' for value in values.tolist()] for name, form, values in rows})
 
 
 def svg_text(outlines: Iterable[Outline]) -> str:

@@ -59,7 +59,6 @@ class ContactSamples(NamedTuple):
         force: as the sensor reports it, less its zero, (n, 2), N.
         contact: number of the contact, (n,).
         force_noise: standard deviation of the white noise of a component of the force, smoothed, N.
-        lost: time that contact was lost between the first and the last contact, s.
         zero: that of the last contact.
         warnings: what is unusual, one sentence each.
     """
@@ -69,7 +68,6 @@ class ContactSamples(NamedTuple):
     force: Floats
     contact: Indices
     force_noise: float
-    lost: float
     zero: Floats
     warnings: tuple[str, ...]
 
@@ -117,13 +115,11 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     weak = f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is'
     weak += ' seen: parts may be missing or wrong; slide with more force'
     warnings = (*signals.warnings, *[weak][: typical <= 2 * contacts.threshold])
-    first, last = np.flatnonzero(used)[[0, -1]]
     # a contact that is lost in between counts as two
     breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
     contact = (np.cumsum(breaks & used) - 1)[used]
     noise = white_noise(signals.wrench.value) / float(np.sqrt(width))
-    lost = float((~used[first:last]).sum() * signals.joints.period)
-    return ContactSamples(time[used], joints[used], force[used], contact, noise, lost, own, warnings)
+    return ContactSamples(time[used], joints[used], force[used], contact, noise, own, warnings)
 
 
 def force_zero(signals: Signals, source: str) -> Floats:
@@ -452,7 +448,7 @@ def trace_signals(
         problem = f'{source}: the touches of the calibration do not determine where the tip is'
         remedy = 'see the assessment in its report, and calibrate with the touches that it asks for'
         raise UnsupportedDataError(problem, remedy)
-    number, stuck = _passes(samples, places.center, source, signals.joints.period)
+    number = _passes(samples, places.center, source, signals.joints.period)
     rows = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
     parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
     course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(rows)
@@ -485,14 +481,12 @@ def trace_signals(
         inner_corner=inner_corner,
         tip_radius=radius,
         zero=samples.zero,
-        lost=samples.lost,
-        stuck=stuck,
         warnings=(*samples.warnings, *cut),
     )
 
 
-def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> tuple[Indices, float]:
-    """Number of the pass of each instant, -1 where the tip sticks; and how long it does, s.
+def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:
+    """Number of the pass of each instant, -1 where the tip sticks.
 
     Raises:
         UnsupportedDataError: the tip jumps while joint states come without a pause, or does not slide at all.
@@ -511,7 +505,7 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     if not (number >= 0).any():
         remedy = 'record a slide of some millimetres at least; a recording of touches is for calibrate'
         raise UnsupportedDataError(f'{source}: the tip does not slide', remedy)
-    return number, float((~slides).sum() * period)
+    return number
 
 
 def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask:

@@ -70,16 +70,15 @@ class History:
                 for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
                     connection.execute(part)
             own = "SELECT type, sql FROM sqlite_master WHERE name NOT LIKE 'sqlite^_stat%' ESCAPE '^'"  # of ANALYZE
-            layout, pragmas = set(connection.execute(own)), ('quick_check(1)', 'application_id', 'user_version')
-            damage, application, version = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in pragmas)
+            layout, pragmas = set(connection.execute(own)), ('application_id', 'user_version')
+            application, version = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in pragmas)
         if application != APPLICATION:
             raise InputError(self.path, 'is no history of calibrations', 'give another file; `history add` makes one')
         if version != VERSION:
             problem = f'expected a history of version {VERSION}, got {version}'
             raise InputError(self.path, problem, 'use the version of this package that wrote it, or add the files anew')
-        if layout != {('table', _TABLE), ('index', None)} or damage != 'ok':
-            foreign = 'has other tables, views or triggers than a history'
-            problem = foreign if damage == 'ok' else f'is damaged: {damage:.100}'
+        if layout != {('table', _TABLE), ('index', None)}:
+            problem = 'has other tables, views or triggers than a history'
             raise InputError(self.path, problem, 'add the files to a new one')
 
     @contextmanager
@@ -135,7 +134,7 @@ class History:
         try:
             return Entry(number, robot, CalibrationRecord.of_document(parse_document(document, source), source))
         except (ValueError, TypeError, RecursionError, InputError) as error:
-            remedy = f'`history remove {self.path} {number}` takes it out'
+            remedy = f"take it out: sqlite3 {self.path} 'DELETE FROM calibration WHERE id = {number}'"
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
 
     def entries(self, robot: str = '') -> list[Entry]:
@@ -149,17 +148,6 @@ class History:
         for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
             last[entry.robot, entry.record.checksums or entry.number] = entry.number
         return [entry for entry in found if entry.number in last.values()]
-
-    def remove(self, numbers: Sequence[int]) -> None:
-        """Takes calibrations out, all or none.
-
-        Raises:
-            InputError: there is none of a number, or the file cannot be written.
-        """
-        with self._open(write=True) as connection:
-            for number in numbers:
-                if not connection.execute('DELETE FROM calibration WHERE id = ?', (number,)).rowcount:
-                    raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
 
 
 class Trend(NamedTuple):

@@ -69,9 +69,9 @@ def joint_messages(streams: Streams, lag: int = 0, names: tuple[str, str] = CELL
     return [Message('/joint_states', JOINT_STATE, t, p) for t, p in zip(times, payloads, strict=True)]
 
 
-def force_messages(streams: Streams, lag: int = 0) -> list[Message]:
+def force_messages(streams: Streams, lag: int = 0, frame_id: str = 'base') -> list[Message]:
     wrench = streams.wrench
-    payloads = wrench_messages(wrench.stamp, wrench.force, 'base')
+    payloads = wrench_messages(wrench.stamp, wrench.force, frame_id)
     times = (wrench.stamp + lag).tolist()
     return [Message('/wrench', WRENCH_STAMPED, t, p) for t, p in zip(times, payloads, strict=True)]
 
@@ -170,8 +170,5 @@ def write_split(path: Path, parts: list[list[Message]]) -> None:
 
 NO_INDEX = {
     'index_types': IndexType.NONE,
-    'use_statistics': False,
-    'repeat_channels': False,
-    'repeat_schemas': False,
-    'use_summary_offsets': False,
+    **dict.fromkeys(('use_statistics', 'repeat_channels', 'repeat_schemas', 'use_summary_offsets'), False),
 }

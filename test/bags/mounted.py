@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, radians, sin
 
 import numpy as np
-from bags.forms import STORE, Message
+from bags.forms import STORE, Message, force_messages, joint_messages
 from numpy.typing import NDArray
 
-from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
+from scara_kinetostatic.bags.messages import TF_MESSAGE, TF_STATIC
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
@@ -48,11 +48,8 @@ def mounted_streams(seed: int = 3) -> Streams:
 
 def mounted_messages(streams: Streams, frame_id: str = 'sensor') -> list[Message]:
     """Joint states and wrenches as the sensor sends them, in the order of time."""
-    joints, wrench = streams.joints, streams.wrench
-    positions = joint_state_messages(joints.stamp, joints.position, TOOL_CELL.joint_names)
-    forces = wrench_messages(wrench.stamp, turned(wrench.force, ANGLE), frame_id)
-    made = [Message('/joint_states', JOINT_STATE, *pair) for pair in zip(joints.stamp.tolist(), positions, strict=True)]
-    made += [Message('/wrench', WRENCH_STAMPED, *pair) for pair in zip(wrench.stamp.tolist(), forces, strict=True)]
+    forces = replace(streams.wrench, force=turned(streams.wrench.force, ANGLE))
+    made = [*joint_messages(streams), *force_messages(replace(streams, wrench=forces), frame_id=frame_id)]
     return sorted(made, key=lambda item: item.log_time)
 
 

@@ -56,15 +56,11 @@ def names(folder: Path) -> list[str]:
 def test_a_run(tmp_path, streams):
     folder, items = tmp_path / 'run', messages(streams)
     with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
-        assert count(folder) == bag.recorded == 0
-        write(bag, items[:100])
-        assert count(folder) == bag.recorded == 0
-        bag.checkpoint()
-        assert count(folder) == bag.recorded == 100
-        bag.checkpoint()
-        write(bag, items[100:400])
-        bag.checkpoint()
-        assert count(folder) == bag.recorded == 400
+        for first, last in ((0, 100), (100, 100), (100, 400)):
+            write(bag, items[first:last])
+            assert count(folder) == bag.recorded == first
+            bag.checkpoint()
+            assert count(folder) == bag.recorded == last
         write(bag, items[400:])
     assert names(folder) == ['metadata.yaml', 'run_0.mcap']
     assert strict_count(folder) == bag.recorded == 640

@@ -145,6 +145,7 @@ def test_other_joints_are_columns_of_their_own():
     decoder = Decoder(('q1', 'q2'), ('wrist', 'not_published'))
     decoder.add(batch(JOINT_STATE, payloads))
     samples = decoder.samples()
-    last = [0.5, np.nan]
-    np.testing.assert_allclose(samples.values, [[0.0, 0.0, *last], [0.1, 0.2, *last], [0.3, 0.4, *last]])
+    np.testing.assert_allclose(
+        samples.values, [[*angles, 0.5, np.nan] for angles in ((0.0, 0.0), (0.1, 0.2), (0.3, 0.4))]
+    )
     assert not +decoder.dropped

@@ -96,32 +96,26 @@ RELATIVE = Cell(CELL.nominal, CELL.discs, sensor=Sensor('joint_states', 'wrench'
 
 @pytest.mark.parametrize('space', ['', '/left', '/plant/left'])
 def test_relative_names_are_found_in_the_namespace_of_the_recording(tmp_path, streams, space):
-    write_mcap(tmp_path / 'a.mcap', in_namespace(space, messages(streams)))
+    """Joint states beside them in another namespace are not taken."""
+    others = in_namespace('/other', joint_messages(streams))
+    write_mcap(tmp_path / 'a.mcap', [*in_namespace(space, messages(streams)), *others])
     read = read_streams(tmp_path / 'a.mcap', RELATIVE)
     assert_same(read, streams)
     assert read.topics == (f'{space}/joint_states', f'{space}/wrench')
-    if space:
-        assert f'{JOINT_STATE} is on {space}/joint_states' in refused(tmp_path / 'a.mcap', CELL)
+    assert not space or f'{JOINT_STATE} is on {space}/joint_states' in refused(tmp_path / 'a.mcap', CELL)
 
 
 def test_relative_names_of_two_cells_are_refused(tmp_path, streams):
-    """Whatever is taken would be a guess; a full name says which."""
+    """Whatever is taken would be a guess; full names say which."""
     items = [item for space in ('', '/left') for item in in_namespace(space, messages(streams))]
     write_mcap(tmp_path / 'a.mcap', sorted(items, key=lambda item: item.log_time))
     message = refused(tmp_path / 'a.mcap', RELATIVE)
     assert 'several cells: /joint_states with /wrench and /left/joint_states with /left/wrench' in message
-    full = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/left/joint_states', 'wrench'))
-    assert 'several cells' in refused(tmp_path / 'a.mcap', full)
-    full = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/left/joint_states', '/left/wrench'))
-    assert_same(read_streams(tmp_path / 'a.mcap', full), streams)
-
-
-def test_relative_names_are_taken_from_one_namespace(tmp_path, streams):
-    items = in_namespace('/left', joint_messages(streams)) + in_namespace('/right', force_messages(streams))
-    write_mcap(tmp_path / 'a.mcap', items)
-    assert 'has no topic /joint_states' in refused(tmp_path / 'a.mcap', RELATIVE)
-    write_mcap(tmp_path / 'b.mcap', [*items, *in_namespace('/right', joint_messages(streams))])
-    assert read_streams(tmp_path / 'b.mcap', RELATIVE).topics == ('/right/joint_states', '/right/wrench')
+    full = [
+        Cell(CELL.nominal, CELL.discs, sensor=Sensor('/left/joint_states', name)) for name in ('wrench', '/left/wrench')
+    ]
+    assert 'several cells' in refused(tmp_path / 'a.mcap', full[0])
+    assert_same(read_streams(tmp_path / 'a.mcap', full[1]), streams)
 
 
 @pytest.mark.parametrize('cell', [CELL, RELATIVE])
@@ -156,7 +150,6 @@ NOT_JOINTS = {'names': ('shoulder', 'elbow')}
             [f'topic /wrench carries {WRENCH_STAMPED} (cdr), expected {JOINT_STATE} (cdr)', 'into sensor.joint_states'],
         ),
         (lambda s: joint_messages(s)[:1], {}, CELL, ['has no topic /wrench']),
-        (lambda s: force_messages(s)[:1], {}, CELL, ['has no topic /joint_states']),
         (
             messages, {'encoding': 'wrong_format'}, CELL,
             [f'topic /joint_states carries {JOINT_STATE} (wrong_format), expected {JOINT_STATE} (cdr)'],
@@ -212,13 +205,11 @@ def rewritten(text: str) -> Callable[[Path], None]:
     [
         (lost, 'metadata.yaml cannot be read (No such file or directory): all files'),
         (rewritten('rosbag2_bagfile_information: ['), 'metadata.yaml cannot be read'),
-        (rewritten(''), 'metadata.yaml cannot be read'),
         (rewritten('rosbag2_bagfile_information: {relative_file_paths: 3}'), 'metadata.yaml cannot be read'),
         (
             rewritten('rosbag2_bagfile_information: {relative_file_paths: [a.mcap], topics_with_message_count: []}'),
             'metadata.yaml lists a.mcap, which is missing',
         ),
-        (lambda path: (path / 'metadata.yaml').write_bytes(b'\xff\xfe\0'), 'metadata.yaml cannot be read'),
     ],
 )
 def test_spoilt_metadata(tmp_path, cell, streams, change, expected):
@@ -274,7 +265,7 @@ def test_compression_bombs_are_refused(tmp_path, streams):
     """A chunk that claims to hold terabytes."""
     write_mcap(tmp_path / 'a.mcap', messages(streams), compression=CompressionType.ZSTD)
     spoil(tmp_path / 'a.mcap', b'\4\0\0\0zstd', (1 << 42).to_bytes(8, 'little'), -12)
-    assert 'a chunk of 4398046511104 bytes, expected at most' in refused(tmp_path / 'a.mcap')
+    assert 'a chunk of 4398046511104 bytes, at byte' in refused(tmp_path / 'a.mcap')
 
 
 def test_metadata_that_would_take_all_time(tmp_path, cell, streams):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,6 @@ from bags.forms import (
     write_split,
     write_sqlite,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
@@ -35,7 +32,7 @@ from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.streams import Streams
 
 OWN = {'folder': {}, 'folder zstd': {'compression': 'zstd'}, 'bare.mcap': {}, 'bare zstd.mcap': {'compression': 'zstd'}}
 
@@ -122,10 +119,9 @@ def test_other_readers_open_what_is_written(tmp_path, cell, streams):
         np.testing.assert_array_equal(positions, streams.joints.position)
 
 
-@pytest.mark.parametrize('name', ['bare.mcap', 'bare zstd.mcap'])
-def test_a_strict_reader_of_mcap(name, tmp_path, cell, streams):
-    write_streams(tmp_path / name, streams, cell, **OWN[name])
-    with (tmp_path / name).open('rb') as stream:
+def test_a_strict_reader_of_mcap(tmp_path, cell, streams):
+    write_streams(tmp_path / 'a.mcap', streams, cell, compression='zstd')
+    with (tmp_path / 'a.mcap').open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary, found = reader.get_summary(), list(reader.iter_messages())
     assert summary is not None and summary.statistics is not None
@@ -145,26 +141,6 @@ def test_the_frame_and_the_names_travel(tmp_path, streams):
     with AnyReader([tmp_path / 'bag']) as reader:
         raw = next(raw for item, _, raw in reader.messages() if item.topic == '/ft')
         assert reader.deserialize(raw, 'geometry_msgs/msg/WrenchStamped').header.frame_id == 'tool'
-
-
-values = st.floats(-1e8, 1e8)
-times = st.tuples(st.integers(1, 2 * 10**18), st.lists(st.integers(8_000_000, 12_000_000), max_size=8)).map(
-    lambda drawn: [drawn[0] + step for step in accumulate(drawn[1], initial=0)]
-)
-
-
-@given(data=st.data(), name=st.sampled_from(sorted(OWN)))
-@settings(max_examples=15, deadline=None)
-def test_any_samples_survive(data, name, tmp_path_factory):
-    def samples() -> tuple[np.ndarray, np.ndarray]:
-        stamp = data.draw(times)
-        value = data.draw(st.lists(st.tuples(values, values), min_size=len(stamp), max_size=len(stamp)))
-        return np.array(stamp), np.array(value)
-
-    streams = Streams('drawn', JointStream(*samples()), WrenchStream(*samples()))
-    path = tmp_path_factory.mktemp('drawn') / name
-    write_streams(path, streams, CELL, **OWN[name])
-    assert_same(read_streams(path, CELL), streams)
 
 
 def test_many_messages_are_read(tmp_path, cell):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,13 +59,13 @@ def test_a_frame_id_that_contradicts_is_said_and_not_turned(tmp_path, streams):
     assert any("frame_id 'sensor' is fixed to tool0" in text for text in read.warnings)
 
 
-def on_axes(messages: list[Message], turn: list[list[float]]) -> list[Message]:
-    """The same with the wrenches' forces (fx, fy, fz) turned by a matrix."""
+def on_axes(messages: list[Message], turn: Any, added: Sequence[float] = (0, 0, 0)) -> list[Message]:
+    """The same with the wrenches' forces (fx, fy, fz) turned by a matrix, and a constant one."""
     made = []
     for item in messages:
         if item.topic == '/wrench':
             begin = wrench_fields(item.payload).begin
-            force = np.frombuffer(item.payload, '<f8', 3, begin) @ np.transpose(turn)
+            force = np.frombuffer(item.payload, '<f8', 3, begin) @ np.transpose(turn) + added
             item = item._replace(payload=item.payload[:begin] + force.tobytes() + item.payload[begin + 24 :])
         made.append(item)
     return made
@@ -99,24 +101,12 @@ def test_a_slow_change_of_fz_long_before_a_few_touches_is_no_mistake(tmp_path, s
     joints, wrench, rest = streams.joints, streams.wrench, 10_000_000 * np.arange(-20_000, 0)
     few, first = wrench.stamp < wrench.stamp[0] + 6 * 10**9, joints.stamp < joints.stamp[0] + 6 * 10**9
     noise = np.random.default_rng(1).normal(0.0, 0.05, (len(rest), 2))
-    waiting = Streams(
-        'waiting',
-        JointStream(
-            np.concatenate([joints.stamp[0] + rest, joints.stamp[first]]),
-            np.concatenate([np.tile(joints.position[0], (len(rest), 1)), joints.position[first]]),
-        ),
-        WrenchStream(
-            np.concatenate([wrench.stamp[0] + rest, wrench.stamp[few]]), np.concatenate([noise, wrench.force[few]])
-        ),
-    )
+    still = np.tile(joints.position[0], (len(rest), 1))
+    stamps = [np.append(part[0] + rest, part[kept]) for part, kept in ((joints.stamp, first), (wrench.stamp, few))]
+    values = np.concatenate([still, joints.position[first]]), np.concatenate([noise, wrench.force[few]])
+    waiting = Streams('waiting', JointStream(stamps[0], values[0]), WrenchStream(stamps[1], values[1]))
     messages = mounted_messages(waiting)
-    for number in range(6000):
-        item = messages[number]
-        if item.topic == '/wrench':
-            at = wrench_fields(item.payload).begin + 16
-            payload = item.payload[:at] + np.float64(-15.0).tobytes() + item.payload[at + 8 :]
-            messages[number] = item._replace(payload=payload)
-    write_mcap(tmp_path / 'bag.mcap', messages)
+    write_mcap(tmp_path / 'bag.mcap', [*on_axes(messages[:6000], np.eye(3), (0, 0, -15)), *messages[6000:]])
     read = read_streams(tmp_path / 'bag.mcap', TOOL_CELL)
     assert read.force_ranges is not None
     assert read.force_ranges[2] > 10 * max(read.force_ranges[:2])

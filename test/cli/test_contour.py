@@ -35,38 +35,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_files_and_text(folder, run):
     calibration = folder / 'result' / 'calibration.json'
     result = run('contour', folder / 'slide', '--calibration', calibration, '--fit', 'circle', '--out', 'made')
-    assert result.status == 0
-    assert not result.err
+    assert (result.status, result.err) == (0, '')
     assert result.out.startswith('Closed outline of 377.')
     assert 'Outline 1: circle' in result.out
-    assert {path.name for path in Path('made').iterdir()} == {
-        f'contour.{kind}' for kind in ('csv', 'svg', 'dxf', 'html')
-    }
+    assert sorted(path.suffix for path in Path('made').iterdir()) == ['.csv', '.dxf', '.html', '.svg']
     with Path('made/contour.csv').open() as stream:
         rows = list(csv.DictReader(stream))
-    assert list(rows[0]) == ['time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N', 'deviation_m']
+    assert list(rows[0]) == ['time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N']
     x, y, std = (np.array([float(row[name]) for row in rows]) for name in ('x_m', 'y_m', 'std_normal_m'))
     error = np.hypot(x - 0.2, y - 0.3) - 0.06
     assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(np.mean(std**2)) < 2e-5
-    page = Path('made/contour.html').read_text()
-    assert '<svg' in page
-    assert 'Outline 1: circle' in page
+    assert '<svg' in Path('made/contour.html').read_text()
 
 
-def test_another_tip_and_the_deviation_from_an_object_of_the_cell(folder, run):
-    objects = 'objects:\n  - {name: known, center: [0.2, 0.3], radius: 0.0649}\nsensor:'
-    text = (folder / 'cell.yaml').read_text()
-    Path('known.yaml').write_text(text[: text.index('objects:')] + objects + text.partition('sensor:')[2])
-    more = ['--calibration', folder / 'result' / 'calibration.json', '--cell', 'known.yaml', '--fit', 'circle']
+def test_another_tip(folder, run):
+    more = ['--calibration', folder / 'result' / 'calibration.json', '--fit', 'circle']
     result = run('contour', folder / 'slide', *more, '--tip-radius', '0.004', '--json', '--out', 'made')
     document = json.loads(result.out)
     assert document['outlines'][0]['closed'] is True
     assert document['fits'][0]['values']['radius']['value'] == pytest.approx(0.061, abs=2e-5)
-    (found,) = document['deviations']
-    assert found['object'] == 'known' and found['rms'] == pytest.approx(1.1e-3, abs=1e-5)
-    with Path('made/contour.csv').open() as stream:
-        deviation = np.array([float(row['deviation_m']) for row in csv.DictReader(stream)])
-    assert np.sqrt(np.mean(deviation**2)) == pytest.approx(found['rms'], rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -74,9 +61,6 @@ def test_another_tip_and_the_deviation_from_an_object_of_the_cell(folder, run):
     [
         ('nothing', 'result/calibration.json', 2, 'nothing'),
         ('slide', 'cell.yaml', 2, 'cell.yaml'),
-        ('slide', 'slide', 2, 'got a folder'),
-        ('slide', 'nothing.json', 2, 'nothing.json'),
-        ('cell.yaml', 'result/calibration.json', 2, 'cell.yaml'),
         ('touches', 'result/calibration.json', 3, 'the tip does not slide'),
     ],
 )
@@ -89,10 +73,10 @@ def test_wrong_files(folder, run, bag, calibration, status, message):
 def test_a_sensor_in_another_frame_is_refused(folder, run):
     text = (folder / 'cell.yaml').read_text().replace('frame: base, sign: on_object', 'frame: tool, sign: on_robot')
     Path('cell.yaml').write_text(text)
-    calibration = folder / 'result' / 'calibration.json'
-    result = run('contour', folder / 'slide', '--calibration', calibration, '--cell', 'cell.yaml', '--out', 'made')
-    assert result.status == 3 and 'the force is not across the motion of the tip at' in result.err
+    slide = (folder / 'slide', '--calibration', folder / 'result' / 'calibration.json')
+    refused(run('contour', *slide, '--cell', 'cell.yaml', '--out', 'made'), 3, 'the force is not across the motion')
     assert not Path('made').exists()
+    refused(run('contour', *slide, '--out', 'made', '--tip-radius', '5'), 2, 'tip: expected 0 to 0.1 m, got 5')
 
 
 def test_another_robot_is_refused(folder, run):
@@ -103,13 +87,6 @@ def test_another_robot_is_refused(folder, run):
     Path('cell.yaml').write_text((folder / 'cell.yaml').read_text() + 'identification: {robot: B 77}\n')
     result = run('contour', folder / 'slide', '--calibration', 'calibration.json', '--cell', 'cell.yaml', '--out', 'x')
     assert result.status == 2 and "is of robot 'B 77'" in result.err
-
-
-def test_a_tip_in_millimetres_is_refused(folder, run):
-    calibration = folder / 'result' / 'calibration.json'
-    result = run('contour', folder / 'slide', '--calibration', calibration, '--out', 'made', '--tip-radius', '5')
-    assert result.status == 2
-    assert 'radius of the tip: expected 0 to 0.1 m, got 5' in result.err
 
 
 def test_pieces_and_a_fit_that_is_not_possible(folder, run):
@@ -124,7 +101,6 @@ def test_pieces_and_a_fit_that_is_not_possible(folder, run):
     assert result.status == 0
     document = json.loads(result.out)
     assert [(fit['shape'], fit['piece']) for fit in document['fits'][:2]] == [('line', 0), ('line', 1)]
-    assert document['fits'][0]['values']['length']['std'] is None
     assert len(document['outlines']) == 2
     assert any('no line through outline 2' in warning for warning in document['warnings'])
     assert 'Outline 1: line' in Path('made/contour.html').read_text()

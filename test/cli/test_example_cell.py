@@ -20,7 +20,6 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     'inspect': ('touches',),
     'calibrate': ('touches', '--out', 'result'),
     'verify': ('touches', '--calibration', 'result/calibration.json', '--out', 'verified'),
-    'recalibrate': ('touches', '--out', 'again', '--jobs', '1', '--no-report'),
     'contour': ('slide', '--calibration', 'result/calibration.json', '--out', 'contour'),
     'next': ('touches', '--touches', '6', '--out', 'more'),
     'design': ('--per-disc', '6', '--out', 'design'),

@@ -41,15 +41,9 @@ def test_loops(run, tmp_path):
     (tmp_path / 'stuck.csv').write_text(loops(slip=1e9))
     result = run('hysteresis', name, 'stuck.csv', '--out', 'result')
     assert (result.status, result.err) == (0, '')
-    for words in (
-        'Law (6) is sufficient for 1 of 2 records',
-        'Driven by their motion: the force is predicted from the displacement.',
-        'Law (6) is not sufficient: Coulomb friction in series: the joint slips at a limit of the force',
-        'Law (6), slope and gap, is sufficient',
-        'selected',
-        'µm/N',
-    ):
-        assert words in ' '.join(result.out.split()), words
+    said = ' '.join(result.out.split())
+    assert 'Law (6) is sufficient for 1 of 2 records' in said
+    assert 'Coulomb friction in series: the joint slips at a limit of the force' in said
     document, page = result_of(tmp_path / 'result')
     assert document['schema'] == 'scara_kinetostatic/hysteresis/1'
     assert (document['driven'], document['units']) == ('motion', {'load': 'N', 'response': 'm'})
@@ -69,15 +63,9 @@ def test_slip_under_load_is_named_and_predicts(run, slipping, tmp_path):
     files = sorted(slipping.glob('slip*.csv'))
     result = run('hysteresis', *files, '--predict', slipping / 'other.csv', '--out', 'result')
     assert (result.status, result.err) == (0, '')
-    for words in (
-        'Driven by their load: the angle is predicted from the torque.',
-        'Law (6) is not sufficient: slip in series with memory',
-        '2 records together',
-        'Each record predicted from the others',
-        'µrad/Nm',
-        'other.csv',
-    ):
-        assert words in ' '.join(result.out.split()), words
+    said = ' '.join(result.out.split())
+    for words in ('Law (6) is not sufficient: slip in series with memory', '2 records together', 'other.csv'):
+        assert words in said, words
     document, page = result_of(tmp_path / 'result')
     assert (document['driven'], document['effects'], document['law']['after']) == ('load', ['slip'], 'slip')
     assert document['p_value'] < 1e-9
@@ -97,7 +85,6 @@ def test_slip_under_load_is_named_and_predicts(run, slipping, tmp_path):
     assert predicted['after'] < min(0.1 * predicted['before'], 4e-6)
     assert predicted['from_s'] < 660 / 80
     assert page.count('<svg') == 3
-    assert 'Law (6) is not sufficient: slip in series with memory' in page
     for other in ('force', 'displacement', 'kN', '[mm]'):
         assert other not in re.sub(r'<(svg|style).*?</\1>', '', page, flags=re.DOTALL), other
 
@@ -109,10 +96,9 @@ RAMP = 'time_s,force_N,displacement_mm\n' + ''.join(f'{k},{k},{2 * k}\n' for k i
     ('text', 'options', 'status', 'message'),
     [
         (None, [], 2, 'one.csv: there is no such file'),
-        ('time_s,force_N,displacement_mm\n1,1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
+        (None, ['--out', 'other.csv'], 2, 'other.csv cannot be written'),
         (loops(), ['one.csv'], 2, 'one.csv: is given twice'),
         (loops(), ['--predict', 'other.csv'], 2, '--predict: one.csv is driven by its motion'),
-        ('time_s,force_N,displacement_mm\n1,1,2\n0,2,3\n', [], 3, 'one.csv: the time does not rise'),
         (RAMP, ['--driven', 'load'], 3, 'one.csv: the load is not at rest at first'),
         (loops('time_s,angle_rad,torque_Nm'), ['other.csv'], 2, 'other.csv: its load is in N, that of one.csv in Nm'),
     ],

@@ -22,5 +22,5 @@ def test_writes_the_page_and_the_numbers(tmp_path, capsys):
 
 def test_senseless_number_of_runs(tmp_path, capsys):
     assert main(['paper', '--out', str(tmp_path), '--runs', '1']) == 2
-    assert 'expected 2 or more' in capsys.readouterr().err
+    assert 'expected at least 2' in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -57,7 +57,6 @@ def test_truth_file_plays_the_same_again(run, tmp_path):
     ('options', 'words'),
     [
         (('--effect', 'object_radius[disc_9]:radius=1e-4'), ('no such target', 'object_radius[disc_3]')),
-        (('--effect', 'object_radius[disc_2]:size=1e-4'), ('expected radius once each', 'radius (m; ')),
         (('--effect', RADIUS, '--effect', RADIUS), ('object_radius[disc_2]', 'twice')),
         (('--effect', RADIUS, '--truth-file', 'taken'), ('taken', 'exists')),
         (('--effect', RADIUS, '--truth-file', 'taken/deeper'), ('taken', 'cannot be written')),

@@ -37,8 +37,7 @@ def test_an_unfit_result_is_an_error_only_if_strict(run, recordings, tmp_path):
     assert strict.out.startswith('Not fit for use: the expanded uncertainty of the tip is up to ')
     assessment = json.loads((tmp_path / 'result' / 'calibration.json').read_text(encoding='utf-8'))['assessment']
     assert assessment['grade'] == 'unfit'
-    assert assessment['reasons'][0].startswith('the expanded uncertainty of the tip')
-    assert strict.err.startswith('scara-kinetostatic: unfit: the expanded uncertainty of the tip is up to ')
+    assert strict.err.startswith(f'scara-kinetostatic: unfit: {assessment["reasons"][0]}')
     assert strict.err.rstrip().endswith('the results are written to result all the same')
     assert (tmp_path / 'result' / 'report.html').is_file()
     assert run('calibrate', recordings / 'good', '--strict').status == 0
@@ -61,9 +60,10 @@ def test_fix_at_a_value_and_at_the_nominal_one(run, recordings, tmp_path):
     assert run('calibrate', recordings / 'good', '--fix', 'l1=0.3302', '--fix', 'p1').status == 0
     entries = json.loads((tmp_path / 'calibration' / 'calibration.json').read_text(encoding='utf-8'))['parameters']
     fixed = {name: entry for name, entry in entries.items() if entry['status'] == 'fixed'}
-    assert fixed.keys() == {'l1', 'p1'}
-    assert (fixed['l1']['value'], fixed['l1']['std']) == (0.3302, 0)
-    assert (fixed['p1']['value'], fixed['p1']['std']) == (1e-5, 0)
+    assert {name: (entry['value'], entry['std']) for name, entry in fixed.items()} == {
+        'l1': (0.3302, 0),
+        'p1': (1e-5, 0),
+    }
 
 
 def test_inspect_lists_every_touch(run, recordings):
@@ -79,9 +79,8 @@ def test_inspect_lists_every_touch(run, recordings):
     assert {topic['name'] for topic in found['topics']} == {'/joint_states', '/wrench', '/cell_description'}
     assert [touch['index'] for touch in found['touches']] == list(range(36))
     for touch in found['touches']:
-        assert touch['accepted']
+        assert touch['accepted'] and touch['hold'] > 0.4
         assert min(abs(math.hypot(*touch['force']) - level) for level in (10, 25, 40)) < 2
-        assert touch['hold'] > 0.4
 
 
 def test_inspect_says_why_a_touch_is_rejected(run, recordings, tmp_path):

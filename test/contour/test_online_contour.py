@@ -6,16 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from contour.slides import AROUND, CELL, DISC, ELLIPSE, arm, rested, since, slides, with_force, with_joints
+from contour.slides import AROUND, DISC, ELLIPSE, arm, rested, since, slides, with_force, with_joints
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
 from scara_kinetostatic.contour.result import Outline
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -123,19 +120,6 @@ def test_a_tare_in_contact_is_corrected_and_said() -> None:
     assert not online.problem
 
 
-def test_messages_that_are_late_until_they_end() -> None:
-    """The computer hesitates, for both topics alike; stamps of one clock are traced at once."""
-    rows, online, rng = samples(slides((0.0, 0.6))), OnlineContour(arm()), np.random.default_rng(0)
-    now = rows[0][0]
-    for stamp, number, values in rows:
-        now += round(1e9 * (rng.exponential(2e-3) + (rng.random() < 2e-3) * rng.exponential(1.0)))
-        (online.add_wrench if number else online.add_joint_state)(stamp, values, now)
-    assert online.poll()
-    assert not online.problem
-    (joined,) = online.outlines
-    assert rms(normal_error(DISC, joined.points)) < 2e-5
-
-
 def test_a_start_in_contact_is_said() -> None:
     streams = slides((0.0, 0.6))
     online = fed(since(streams, int(streams.joints.stamp[0]) + 4 * 10**9))
@@ -166,11 +150,3 @@ def test_a_sensor_with_a_large_zero() -> None:
     for stamp in streams.wrench.stamp[:30].tolist():
         untared.add_wrench(stamp, [3.0, 4.0], stamp)
     assert untared.tare(10**9) == pytest.approx([3.0, 4.0])
-
-
-def test_touches_are_no_slide() -> None:
-    online = OnlineContour(arm())
-    streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL, 1))
-    problems = [online.problem for _ in polls(online, streams)]
-    assert not online.outlines
-    assert any('does not slide' in problem for problem in problems)

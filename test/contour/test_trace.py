@@ -11,6 +11,7 @@ from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm, rested, since, slid
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.fits import fit_shape
+from scara_kinetostatic.contour.result import remarks_on
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
@@ -39,6 +40,7 @@ def test_surface_of_an_unknown_object(outline):
     assert np.mean(normal_error(outline, contour.surface + 1e-3 * contour.normal) > 9e-4) == 1.0
     assert contour.friction.coefficient == pytest.approx(0.1, abs=3 * contour.friction.std)
     assert not contour.warnings
+    assert any('extrapolated' in warning for warning in remarks_on(replace(contour, force=4 * contour.force), arm()))
 
 
 def test_without_errors_of_sensors_and_calibration():
@@ -131,7 +133,7 @@ def test_travel_in_both_directions_separates_friction_from_a_turned_sensor():
 
 def test_gaps_are_left_open_and_objects_stay_apart():
     two = traced((0.0, 0.4), (0.5, 0.7), outline=SQUARE)
-    assert [outline.closed for outline in two.outlines] == [False, False] and two.lost > 1
+    assert [outline.closed for outline in two.outlines] == [False, False]
     objects = tuple(
         Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
     )
@@ -143,8 +145,6 @@ def test_gaps_are_left_open_and_objects_stay_apart():
 def test_stick_is_left_out():
     streams = slides((0, 0.5))
     moving, contour = trace_contour(streams, arm()), trace_contour(rested(streams, 2.0), arm())
-    assert 0.3 < moving.stuck < 1.2
-    assert contour.stuck == pytest.approx(moving.stuck + 2.0, abs=0.2)
     assert len(contour) == pytest.approx(len(moving), abs=12)
     assert contour.passes.max() == 0
 
@@ -159,10 +159,6 @@ def test_a_pause_of_the_force_is_not_bridged():
     begin = 1e-9 * float(middle - min(stamp[0], streams.joints.stamp[0]))
     assert not np.any((contour.time > begin + 0.05) & (contour.time < begin + 0.95))
     assert contour.passes.max() == 1
-
-
-def test_a_force_beyond_the_calibration_is_said():
-    assert any('extrapolated' in warning for warning in traced((0, 0.2), force=60).warnings)
 
 
 def lifted(streams, duration, height):

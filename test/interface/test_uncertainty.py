@@ -147,25 +147,15 @@ def test_arrays_become_touches_as_tables_do():
         sk.make_touches(joints, force[0], CELL)
 
 
-def test_a_calibration_is_diagnosed_as_it_is():
+def test_touches_that_are_given_twice_are_counted_and_rejected():
     touches = sk.simulate(CELL, sk.PAPER_ACTUAL, effects='object_radius[disc_2]:radius=6e-5', seed=1)
     names = [CELL.discs[k].name for k in touches.disc]
     joints, force = (np.vstack([part, part[:1]]) for part in (touches.joints, touches.force))
     repeated = sk.make_touches(joints, force, CELL, objects=[*names, names[0]])
-    fit = sk.calibrate(repeated, CELL, fixed={'l1': 0.3302})
-    outcome = sk.diagnose(fit)
-    np.testing.assert_array_equal(outcome.calibration.model.as_array(), fit.model.as_array())
+    outcome = sk.diagnose(repeated, CELL, fixed={'l1': 0.3302})
     assert outcome['l1'].status == 'fixed'
+    assert len(outcome.calibration.touches) < len(repeated)
     assert outcome.found == len(repeated) == len(outcome.rejected) + outcome.final.used.sum()
-    assert {item.index for item in fit.rejected} - set(fit.touches.index.tolist()) <= {
-        r.index for r in outcome.rejected
-    }
-    assert len(fit.touches) < len(repeated)
-    for arguments in ({'cell': CELL}, {'fixed': {'l1': 0.33}}):
-        with pytest.raises(sk.InputError, match='a calibration has its own'):
-            sk.diagnose(fit, **arguments)
-    with pytest.raises(sk.InputError, match='expected a calibration of the base model'):
-        sk.diagnose(outcome.final)
 
 
 def test_what_the_data_do_not_determine_has_no_uncertainty():
@@ -200,7 +190,7 @@ def test_predicted_forces_are_measured_less_residual(outcome):
         (lambda o: sk.predict_force(o, [1, 2]), 'objects: is missing'),
         (lambda o: sk.predict_force(o, [1, 2], 'disc_9'), "there is no 'disc_9'; the names are disc_1, disc_2"),
         (lambda o: sk.predict_force(o, [[1, 2]] * 2, ['disc_1']), 'objects: expected one name or 2, got 1'),
-        (lambda o: sk.diagnose(o.final.touches), 'cell: is missing'),
+        (lambda o: sk.diagnose(o.calibration, o.final.cell), 'source: expected touches of read_touches'),
         (lambda o: sk.diagnose([], o.final.cell), 'paths: expected one or more files, got none'),
         (lambda o: sk.simulate(o.final.cell, {'l3': 1.0}), "unknown parameter 'l3'"),
         (lambda o: sk.simulate(o.final.cell, {}, effects=['rust']), "effect 'rust': no such effect"),

@@ -1,9 +1,8 @@
-"""The history file, its page, and archives that are recalibrated."""
+"""The history file and its page."""
 
 from __future__ import annotations
 
 import json
-import signal
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -18,8 +17,6 @@ from cli.conftest import recordings, run
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.monitoring import archive
-from scara_kinetostatic.monitoring.archive import in_processes, tasks_of
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import history_report
@@ -85,7 +82,7 @@ def test_small_steps_add_up(plain: Outcome, tmp_path: Path) -> None:
     assert trend.changed == [] and trend.has_crept
     assert trend.slow is not None and trend.slow.causes.ranking[0].name == 'theta2' and trend.since == 1
     said = as_text(history_report([trend])).replace('\n', ' ')
-    assert 'From number 1 to number 4: Changed' in said and 'the zero of joint 2 changed' in said
+    assert 'From number 1 to number 4: Changed' in said and 'the offset of joint 2 changed' in said
     assert history_report([trend]).answer.level == 'caution'
     history.add([later(plain, f'2026-1{k}-01T00:00:00Z', theta2=5e-4) for k in range(3)])
     (trend,) = trends_of(history.entries())
@@ -123,8 +120,8 @@ def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, t
     execute(path, "UPDATE calibration SET document = '{' WHERE id = 1")
     wrong = run('history', 'list', path)
     assert wrong.status == 2 and wrong.err.count('\n') == 1 and 'calibration 1 cannot be read' in wrong.err
-    assert run('history', 'remove', path, '1', '9').status == 2
-    assert run('history', 'remove', path, '1').status == 0
+    assert f"sqlite3 {path} 'DELETE FROM calibration WHERE id = 1'" in wrong.err
+    execute(path, 'DELETE FROM calibration WHERE id = 1')
     assert [entry.number for entry in History(path).entries()] == [2]
     execute(path, 'PRAGMA user_version = 9')
     (tmp_path / 'empty').touch()
@@ -160,40 +157,13 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     added = run('history', 'add', 'h.sqlite', '1.json', '2.json', '3.json', '--robot', 'left')
     assert added.status == 0 and added.out.count('added') == 3
     page = run('history', 'page', 'h.sqlite', '--out', 'trend')
-    assert page.status == 0 and 'the zero of joint 2 changed' in page.out
+    assert page.status == 0 and 'the offset of joint 2 changed' in page.out
     text = (tmp_path / 'trend' / 'history.html').read_text()
     assert text.count('<svg') == 1 and 'class="verdict caution"' in text and 'days since the first' in text
-    lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite one'
+    lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite 1'
     for line in lines.split('|'):
         wrong = run('history', *line.split())
         assert wrong.status == 2 and wrong.err.count('\n') == 1
-
-
-def test_an_archive_goes_on_where_a_recording_fails(
-    run: Run, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cell, plain, few = (recordings / name for name in ('cell.yaml', 'plain', 'few'))
-    done = run('recalibrate', plain, few, '--cell', cell, '--out', 'a', '--no-report', '--history', 'h.sqlite')
-    assert done.status == 3 and done.err.count('\n') == 1 and '1 of 2' in done.err
-    assert 'plain: fit' in done.out and 'few: 3 touches' in done.out and '1 results added' in done.out
-    assert len(History(tmp_path / 'h.sqlite').entries()) == 1
-    assert not (tmp_path / 'a/plain/report.html').exists()
-    with pytest.raises(InputError, match='has the name of'):
-        tasks_of([Path('a/x.mcap'), Path('b/x.mcap')], None, tmp_path)
-
-    def fail(*_: object) -> None:
-        raise MemoryError('no room')
-
-    monkeypatch.setattr(archive, 'calibrate_recordings', fail)
-    (failed,) = in_processes(tasks_of([plain], cell, tmp_path), 1)
-    assert failed.problem == 'internal error, MemoryError: no room'
-
-
-def test_processes_leave_interrupts_to_the_first_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive, 'recalibrate', signal.getsignal)
-    interrupt: Any = signal.SIGINT
-    found = [done.grade for done in in_processes([interrupt, interrupt], 2)]
-    assert found == [signal.SIG_IGN] * 2 and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
 
 def test_a_history_after_analyze(tmp_path: Path) -> None:

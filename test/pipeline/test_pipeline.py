@@ -99,7 +99,7 @@ def test_a_noise_above_every_force_is_named(touches):
         calibrate_touches(touches, replace(CELL, noise=Noise(1e-3, 30.0)))
 
 
-def test_limits_that_exclude_all_touches_are_named(touches):
+def test_limits_that_exclude_all_touches_or_nearly_all_are_named(touches):
     cell = replace(CELL, limits=((-3.1, -2.9), (1.0, 1.1)))
     message = (
         r'^robot\.limits: they exclude all 72 touches, joint1 from -3.* to 2.*, joint2 from .* rad; correct them: of '
@@ -108,9 +108,6 @@ def test_limits_that_exclude_all_touches_are_named(touches):
         calibrate_touches(touches, cell)
     with pytest.raises(CellError, match=message + 'the joint angles, readings less the coupling, in rad$'):
         calibrate_touches(touches, replace(cell, coupling=0.1))
-
-
-def test_limits_that_exclude_nearly_all_touches_are_named(touches):
     low, *_, seventh, eighth = np.sort(touches.joints[:, 0])[:8].tolist()
     tenth, less = (replace(CELL, limits=((low, high), (-3.1, 3.1))) for high in (eighth, seventh))
     assert len(usable_touches(Detection.of(touches), tenth, ['touches'])) == 72
