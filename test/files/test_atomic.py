@@ -110,24 +110,26 @@ def test_a_folder_where_a_file_should_be(plain: Outcome, tmp_path: Path) -> None
 
 
 def test_an_earlier_result_is_kept_under_its_date(plain: Outcome, tmp_path: Path) -> None:
-    first = write_results(replace(plain, created=DATE), tmp_path)
+    """Its page, too, where the new result has none."""
+    first = write_results(plain, tmp_path)
     assert (first.kept, first.note) == ((), '')
     before = {path.name: path.read_bytes() for path in first.paths}
-    second = write_results(plain, tmp_path)
+    for path in first.paths:
+        os.utime(path, (DATE.timestamp(),) * 2)
+    second = write_results(plain, tmp_path, report=False)
     dated = {name: name.replace('.', '_2026-11-21T14-03-22Z.') for name in FILES}
     assert {path.name for path in second.kept} == set(dated.values())
     assert {name: (tmp_path / kept).read_bytes() for name, kept in dated.items()} == before
     assert 'calibration_2026-11-21T14-03-22Z.json' in second.note
-    assert names(tmp_path) == FILES | set(dated.values())
+    assert names(tmp_path) == (FILES | set(dated.values())) - {'report.html'}
 
 
-def test_results_of_one_second_and_of_unknown_date_are_kept(plain: Outcome, tmp_path: Path) -> None:
-    for number in range(4):
-        if number == 3:
-            (tmp_path / 'calibration.json').write_text('{"created": "../../yesterday"}')
+def test_results_of_one_second_are_kept(plain: Outcome, tmp_path: Path) -> None:
+    for _ in range(4):
+        for path in tmp_path.glob('*.*'):
+            os.utime(path, (DATE.timestamp(),) * 2)
         write_results(plain, tmp_path)
     assert len(names(tmp_path)) == 4 * len(FILES)
-    assert all('yesterday' not in name for name in names(tmp_path))
 
 
 def test_the_checksum_of_a_file_is_that_of_its_bytes(tmp_path: Path) -> None:
