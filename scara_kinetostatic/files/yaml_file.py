@@ -306,17 +306,13 @@ class Section:
         """The same; None where the key is missing."""
         return None if self.data.get(name) is None else self.number(name, within)
 
-    def vector(self, name: str, labels: Sequence[str], within: Within = ANY) -> tuple[float, ...]:
-        """A list of as many numbers as there are labels, which name them in messages: `[x, y]`."""
+    def vector(self, name: str, labels: Sequence[str], reader: Reader = ANY) -> tuple[Any, ...]:
+        """A list with as many entries, numbers unless told, as there are labels, which name them in messages."""
         values = self.data[name]
         if not isinstance(values, list) or len(values) != len(labels):
             raise self.error(name, f'expected [{", ".join(labels)}], got {shown(values)}')
-        entries = self.entries(name, dict(zip(labels, values, strict=True)))
-        return tuple(entries.number(label, within) for label in labels)
-
-    def entries(self, name: str, values: Mapping[str, Any]) -> Section:
-        """The entries of a list under a key as a section, by labels that name them in messages."""
-        return self._inside(self._path(name), values, (), values)
+        entries = self._inside(self._path(name), dict(zip(labels, values, strict=True)), (), labels)
+        return tuple(reader(entries, label) for label in labels)
 
     def flag(self, name: str) -> bool:
         """True or false."""
