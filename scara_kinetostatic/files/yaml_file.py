@@ -79,18 +79,20 @@ _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_core_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_core_float)
 
 
-def read_text(path: str | Path, problem: _Problem) -> str:
-    """The text of a small file a user wrote.
+def read_text(path: str | Path, problem: _Problem, most: int = _MAX_BYTES, what: str = 'YAML') -> str:
+    """The text of a file, usually of a small one that a user wrote.
 
     Args:
         path: the file.
         problem: error class to raise.
+        most: largest size, bytes.
+        what: it is expected to hold, for messages.
 
     Raises:
-        problem: as `read_file`; larger than `_MAX_BYTES`, or not UTF-8.
+        problem: as `read_file`, or not UTF-8.
     """
     try:
-        return read_file(path, problem, _MAX_BYTES, 'YAML').decode('utf-8-sig')
+        return read_file(path, problem, most, what).decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise problem(path, f'not UTF-8 text (byte {error.start})', 'save it as UTF-8') from error
 

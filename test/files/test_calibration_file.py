@@ -77,13 +77,11 @@ EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
-        (_without('schema'), 'no calibration'),
-        (_with('schema', value='scara_kinetostatic/calibration/2'), 'the version of this package that wrote it'),
-        (_with('schema', value='scara_kinetostatic/design/1'), 'expected the schema'),
-        (_with('schema', value=7), 'expected the schema'),
-        (lambda document: [document], 'got list'),
-        (_without('model'), 'earlier version'),
-        (_without('cell'), 'earlier version'),
+        (_without('schema'), 'expected the schema scara_kinetostatic/calibration/1, got None'),
+        (_with('schema', value='scara_kinetostatic/calibration/2'), 'calibrate of this version'),
+        (lambda document: [document], 'expected the schema'),
+        (_without('model'), "no 'model'"),
+        (_without('cell'), "no 'cell'"),
         (_without('assessment'), "no 'grade'|no 'assessment'"),
         (_with('model', value=None), 'damaged'),
         (_with('model', 'values', value=[1.0]), 'damaged'),
