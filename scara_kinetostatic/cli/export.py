@@ -66,8 +66,6 @@ def run(args: argparse.Namespace) -> None:
     out, inputs = args.out, [args.calibration, *([args.into] if args.into else [])]
     if args.into and (out is None or args.format != 'urdf'):
         raise ParameterError('--into', 'is for --format urdf with --out FILE', 'give both')
-    if args.into and args.into.suffix == '.xacro':
-        raise ParameterError('--into', 'a xacro is a program', f'expand it: xacro {args.into} > robot.urdf')
     if out is not None:
         check_file(out, inputs)
     arm, name = load_calibration(args.calibration), args.calibration.name

@@ -179,26 +179,20 @@ def _matrix(origin: Any) -> Floats:
 
 
 def read_robot(path: Path) -> Robot:
-    """The robot of a URDF file, or of a xacro, which the library of that name expands.
+    """The robot of a URDF file.
 
     Raises:
         InputError: the file cannot be read, or is none.
     """
-    return Robot(_expanded(path) if path.suffix == '.xacro' else read_bytes(path), str(path))
+    return Robot(read_bytes(path), str(path))
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a URDF file."""
+    """The content of a URDF file.
+
+    Raises:
+        InputError: it cannot be read, or is a xacro.
+    """
+    if path.suffix == '.xacro':
+        raise InputError(path, 'a xacro is a program', f'expand it: xacro {path} > robot.urdf')
     return read_file(path, InputError, MOST_BYTES, 'URDF')
-
-
-def _expanded(path: Path) -> bytes:
-    try:
-        import xacro
-    except ImportError as error:
-        remedy = f'install it (ros-jazzy-xacro, or pip install xacro), or run `xacro {path} > robot.urdf`'
-        raise InputError('xacro', f'is needed to expand {path}, and cannot be imported', remedy) from error
-    try:
-        return bytes(xacro.process_file(str(path)).toxml().encode())
-    except Exception as error:  # whatever the library raises
-        raise InputError(path, f'xacro cannot expand it: {error}', f'run `xacro {path}` with its arguments') from error
