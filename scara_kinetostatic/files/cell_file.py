@@ -135,10 +135,8 @@ def cell_description(cell: cells.Cell) -> dict[str, Any]:
             **_given(
                 coupling=cell.coupling,
                 direction=cell.direction if cell.direction != (1, 1) else None,
-                plane=cell.plane.is_stated
-                and {name: each for name, each in cell.plane._asdict().items() if name != 'tip' or each},
-                moments={name: getattr(nominal, name) for name in nominal.names[len(NAMES) :]}
-                | _given(phi1=nominal.phi1, phi2=nominal.phi2),
+                plane=cell.plane.is_stated and _given(**cell.plane._asdict()),
+                moments=nominal.has_gravity and {name: getattr(nominal, name) for name in _MOMENTS},
                 limits=dict(zip(cell.joint_names, limits, strict=False)),
                 lift=cell.lift and cell.lift._asdict(),
                 hold=cell.hold,

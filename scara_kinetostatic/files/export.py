@@ -32,7 +32,6 @@ from scipy.spatial.transform import Rotation
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
-from scara_kinetostatic.files.cell_file import turned_limits
 from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.robot_cell import planar_arm
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of, read_bytes
@@ -324,13 +323,11 @@ def header_text(arm: CalibratedArm, head: Sequence[str]) -> str:
     if effects := _robot_effects(arm):
         problem = f'a C header has the base model alone, and this calibration found {", ".join(effects)}'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    pairs = zip(arm.cell.joint_names, turned_limits(arm.cell.limits, arm.cell.direction) or (), strict=False)
-    limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
     p = arm.model.parameters
     return render(
         Path(__file__).with_name('header.h.j2'),
         escape=False,
-        lines=[*head, *([comment(f'The limits of the joints are not checked: {limits}.')] if limits else [])],
+        lines=head,
         constants=_values(arm),
         coupling=arm.cell.coupling,
         direction=arm.cell.direction,

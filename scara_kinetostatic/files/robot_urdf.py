@@ -48,15 +48,11 @@ class Robot:
         robot = self._parsed(text)
         self.joints: dict[str, Any] = {joint.name: joint for joint in robot.joints}
         self._links: dict[str, Any] = {link.name: link for link in robot.links}
-        for kind, named, every in (('joints', self.joints, robot.joints), ('links', self._links, robot.links)):
-            if len(named) < len(every):
-                raise self.error(f'two of its {kind} have one name', 'give each its own')
-        self._parents: dict[str, Any] = {}
-        for joint in robot.joints:
-            if joint.child in self._parents:
-                problem = f'{joint.child!r} hangs on two joints, {self._parents[joint.child].name} and {joint.name}'
-                raise self.error(f'{problem}: a loop', 'describe the arm as a tree')
-            self._parents[joint.child] = joint
+        self._parents: dict[str, Any] = {joint.child: joint for joint in robot.joints}
+        if len(self._parents) < len(robot.joints):
+            raise self.error('two of its joints have one child: a loop', 'describe the arm as a tree')
+        if len(self.joints) < len(robot.joints) or len(self._links) < len(robot.links):
+            raise self.error('two of its joints or links have one name', 'give each its own')
         links = dict.fromkeys((*self._links, *(joint.parent for joint in robot.joints)))
         roots = [name for name in links if name not in self._parents]
         if len(roots) != 1:

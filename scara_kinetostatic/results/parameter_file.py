@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,11 +47,8 @@ def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
     taken: set[tuple[str, str]] = set()
     for item in found:
         name, target = _word(item.effect.name), _word(item.effect.subject)
-        number, place = 1, (name, target)
-        while place in taken:
-            number += 1
-            place = (name, f'{target}_{number}')
-        taken.add(place)
+        places = ((name, f'{target}_{number}' if number > 1 else target) for number in count(1))
+        taken.add(place := next(place for place in places if place not in taken))
         rows += [EffectParameter((*place, _word(v.name)), v.value, v.std) for v in item.values]
     return rows
 

@@ -108,19 +108,7 @@ def _warnings(outcome: Outcome) -> Items | None:
 def _head(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     """Date; what the cell description says of robot, cell, sensor and people; recordings with their checksums."""
     given = outcome.final.cell.identification.given()
-    serials = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
-    titles = {
-        'laboratory': 'Laboratory',
-        'location': 'Place',
-        'certificate': 'Certificate No.',
-        'sensor': 'Force sensor',
-    }
-    found = [('Date', _date(outcome.created))]
-    always = ('robot', 'cell', 'sensor', 'operator')
-    for name in (*always, *(name for name in given if name not in (*always, *serials.values()))):
-        serial = given.get(serials.get(name, ''), '')
-        text = ', '.join(filter(None, (given.get(name, ''), f'serial No. {serial}' if serial else '')))
-        found.append((titles.get(name, name.capitalize()), text or 'not stated'))
+    found = [('Date', _date(outcome.created)), *((name.capitalize().replace('_', ' '), given[name]) for name in given)]
     for item in outcome.recordings:
         start = '' if item.start is None else _date(item.start) if item.start.year > 2000 else 'simulated clock'
         found.append(('Recording', ', '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))
