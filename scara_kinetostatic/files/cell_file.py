@@ -366,18 +366,11 @@ def _stds(section: Section, kind: type) -> dict[str, Any]:
 
 
 def _topic(sensor: Section, key: str) -> str:
-    topic = sensor.word(key)
-    if not _TOPIC.match(topic) or '/' + topic.lstrip('/') == CELL_TOPIC:
-        problem = f'expected the name of a topic other than {CELL_TOPIC}, got {topic!r}'
-        raise sensor.error(key, problem, f'write it like {getattr(cells.Sensor(), key)}')
-    return topic
-
-
-def _service(sensor: Section, key: str) -> str:
-    service = sensor.word(key) if sensor.data[key] else ''
-    if service and not _TOPIC.match(service):
-        raise sensor.error(key, f'{service!r} is no name of a service', 'write it like /sensor/zero')
-    return service
+    """The name of a topic or service."""
+    name = sensor.word(key)
+    if not _TOPIC.match(name) or '/' + name.lstrip('/') == CELL_TOPIC:
+        raise sensor.error(key, f'expected a name other than {CELL_TOPIC}, got {name!r}', 'write it like /arm/wrench')
+    return name
 
 
 def _sensor(top: Section, key: str) -> cells.Sensor:
@@ -483,7 +476,7 @@ _READERS: dict[str, dict[str, Reader]] = {
         'time_offset': Within(-4e9, 4e9, unit='s'),
         'rotation': Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad'),
         'axes': _sensor_axes,
-        'zero_service': _service,
+        'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
     },
     'outline': {'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},
     'touch': {

@@ -10,7 +10,6 @@ import numpy as np
 
 from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.report import (
     Block,
@@ -49,10 +48,9 @@ def text_report(outcome: Outcome) -> str:
         Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis.found))),
         messages.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
+        ' '.join(messages.tip_sentences(outcome)),
+        messages.tip_budget(outcome, most=5),
     ]
-    sources = DeclaredErrors.of(c.cell) is not None or c.cell.uncertainty.effects.in_use
-    if sources or c.cell.tolerance is not None:
-        blocks += [' '.join(messages.tip_sentences(outcome)), messages.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)
         more = [f'and {len(lines) - MOST_REJECTED} more, see the report'] if len(lines) > MOST_REJECTED else []

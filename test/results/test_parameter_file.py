@@ -60,7 +60,8 @@ def test_effects_stand_behind_the_twelve(grown: Outcome, ambiguous: Outcome, unn
                 for target, values in inner.items()
                 for path, number in (((name, target, key), number) for key, number in values.items())
             }
-            wanted = {item.path: (item.value, item.std)[kind] for item in effect_parameters(outcome.diagnosis.found)}
+            stated = effect_parameters(outcome.diagnosis.found)
+            wanted = {path: (value.value, value.std)[kind] for path, value in stated.items()}
             np.testing.assert_equal(numbers, wanted)
 
 
