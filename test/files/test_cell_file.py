@@ -156,20 +156,14 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper) -> 
 
 STATED_WRONG = [
     ('plate: a', 'plate: b', "disc_1: plate: no plate 'b' in the cell; add it to plates"),
-    ('center: 1.5e-5', 'centre: 1.5e-5', "objects[0].uncertainty: unknown key 'centre'"),
     ('center: 1.0e-3', 'center: 0.03', 'plates[0].uncertainty.center: expected 0 to 0.02 m, got 0.03'),
     ('radius: 5.0e-6}', 'radius: 5.0}', 'expected 0 to 0.002 m, got 5; it is in m: 1.5e-5 for 15 µm'),
-    ('  radius: 5.0e-6', '  radius: 0.005', 'uncertainty.radius: expected 0 to 0.002 m, got 0.005'),
     ('force_gain: 0.005', 'force_gain: 0.5', 'expected 0 to 0.2, got 0.5; it is a part of 1: 0.005 for 0.5 %'),
     ('tip: 5.0e-5', 'tip: 50', 'tip: expected above 0, at most 0.005 m, got 50; give it in m: 5.0e-5 for 50'),
     ('l2: 1.0e-3}', 'l2: 0}', 'uncertainty.nominal.l2: expected a number above 0'),
-    ('l2: 1.0e-3}', 'l3: 1.0e-3}', "uncertainty.nominal: unknown key 'l3'"),
     ('x: [-0.35, 0.35]', 'x: [0.35, -0.35]', 'region.x: expected the lower limit first, got [0.35, -0.35]'),
-    (', y: [0.20, 0.55]', '', "region: the key 'y' is missing"),
     ('gravity: [0.0, 0.0]', 'gravity: [0.0, -98.1]', 'gravity: expected at most 25 m/s² in size'),
     ('[-2.6, 2.5]', '[-150, 2.5]', 'robot.limits.joint1.lower limit: expected -12.6 to 12.6 rad, got -150'),
-    ('-2.4, 2.3', '2.3, -2.4', 'robot.limits.joint2: expected the lower limit first'),
-    ('joint2: [-2.4', 'elbow: [-2.4', "robot.limits: unknown key 'elbow'"),
     ('up: 0.02', 'up: 0.0', 'robot.lift.up: up and down are both 0: it does not lift'),
     ('joint: joint3', 'joint: joint1', "robot: 'joint1' is named twice"),
     ('joint4', 'joint3', "robot: 'joint3' is named twice"),
@@ -177,20 +171,17 @@ STATED_WRONG = [
     ('joint4', '"a\\nb"', 'robot.hold: expected names of joints'),
     ('[0.3, 0.1], ', '', 'obstacles[0].outline: expected 3 to 50 corners'),
     ('[0.3, 0.1]', '[0.3]', 'obstacles[0].outline.corner 0: expected [x, y], got [0.3]'),
-    ('[0.3, 0.1]', 'null', 'obstacles[0].outline.corner 0: expected [x, y], got None'),
     ('max_force: 80', 'max_force: 50', 'touch.max_force: expected more than the largest force of 50 N'),
     ('[20, 50]', '[50, 20]', 'touch.force: expected the smallest force first'),
     ('contact_speed: 0.005', 'contact_speed: 0.5', 'touch.contact_speed: expected above 0, at most 0.05 m/s, got 0.5'),
 ]
 SIZES_WRONG = [
     ('large', "uncertainty.effects: expected estimated or typical or none, got 'large'"),
-    ('no', 'uncertainty.effects: expected estimated or typical or none'),
     ('', 'uncertainty.effects: expected a string, got None'),
     ('{shift: 1.0e-5}', 'uncertainty.effects.shift: is a size in several units'),
     ('{sizes: typical, arm: wooden}', 'effects.arm: expected industrial or desktop or printed, got '),
     ('{base_complience: 1e-7}', "effects: unknown key 'base_complience'; did you mean 'base_compliance'?"),
     ('{base_compliance: -1.0e-7}', 'uncertainty.effects.base_compliance: expected 0 to 1e-05, got -1e-07'),
-    ('{base_compliance: 1.0}', 'uncertainty.effects.base_compliance: expected 0 to 1e-05, got 1'),
 ]
 SIZES = {
     'none': EffectSizes(SizeMode.NONE),
@@ -211,13 +202,10 @@ def with_sizes(text: str) -> str:
     ('text', 'expected'),
     [
         ('', 'expected a mapping with robot, objects'),
-        ('[]', 'expected a mapping'),
         (changed('objects:', 'objetcs:'), "unknown key 'objetcs'; did you mean 'objects'?"),
-        (changed('sign: on_object', 'singn: on_object'), "sensor: unknown key 'singn'; did you mean 'sign'?"),
         (changed('radius: 0.15', 'radius: 0.15, diameter: 1'), "objects[0]: unknown key 'diameter'"),
         (changed('l1: 0.33, ', ''), "robot.nominal: the key 'l1' is missing"),
         (changed('l1: 0.33, ', '').replace('l2: 0.33,', ''), "robot.nominal: the keys 'l1', 'l2' are missing"),
-        (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
         (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
         (changed('  sign: on', '  time_offset: 5.0e+9\n  sign: on'), 'time_offset: expected -4e+09 to 4e+09 s'),
         (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
@@ -227,7 +215,6 @@ def with_sizes(text: str) -> str:
         (changed('radius: 0.15', 'radius: 150'), 'lengths are in m, not mm'),
         (changed('theta1: 0.0', 'theta1: 90'), 'angles are in rad, not degrees'),
         (changed('[-0.25, 0.30]', '[-0.25]'), 'objects[0].center: expected [x, y]'),
-        (changed('[-0.25, 0.30]', '[-.inf, 0.30]'), 'objects[0].center.x: expected a finite number'),
         (changed('name: disc_2', 'name: disc_1'), "another disc is named 'disc_1'"),
         (changed('name: disc_2', 'name: 2'), 'objects[1].name: expected a string'),
         (changed('name: disc_2', 'name: " "'), 'objects[1].name: expected a name'),
@@ -236,34 +223,25 @@ def with_sizes(text: str) -> str:
         (changed('joint: 1.0e-5', 'joint: 0'), 'noise.joint: expected 1e-15 to 0.01 rad, got 0'),
         (changed('joint: 1.0e-5', 'joint: [1.0e-5]'), 'noise.joint: expected [joint 1, joint 2], got [1e-05]'),
         (changed('force: 0.3', 'force: [0.3, 0]'), 'noise.force.y: expected 1e-12 to 100 N, got 0'),
-        (changed('force: 0.3', 'force: 0.3, force_relative: 1'), 'noise.force_relative: expected 0 to 0.2, got 1'),
         (changed(', force: 0.3}', '}'), "noise: the key 'force' is missing; add it"),
-        (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
         (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap by 0.0882 m"),
         (changed('[0.20, 0.40]', '[0.70, 0.40]'), "disc 'disc_2' is out of reach"),
         (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' covers the base"),
         (changed('[joint1, joint2]', '[joint1, joint1]'), "robot: 'joint1' is named twice; joint_names, lift and hold"),
         (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected [q1, q2], got'),
-        (changed('joint2]', 'joint2]\n  coupling: belt'), "robot.coupling: expected a number, got 'belt'"),
         (changed('joint2]', 'joint2]\n  coupling: 4.75'), 'robot.coupling: expected -2 to 2, got 4.75; it is a'),
         (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names.q1: expected a string, got 1'),
         (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
         (changed('/wrench ', '/my wrench '), "a name other than /cell_description, got '/my wrench'"),
-        (changed('/wrench ', '""'), 'sensor.wrench: expected a name'),
         (changed('/wrench ', 'cell_description '), "a name other than /cell_description, got 'cell_"),
         (changed('frame: base', 'frame: world'), "sensor.frame: expected base or tool, got 'world'"),
-        (changed('sign: on_object', 'sign: 1'), 'sensor.sign: expected a string'),
-        (changed('physical', 'magic'), "model.gripper_sign: expected physical or paper, got 'magic'"),
         ('robot: {}\nobjects: []', "robot: the key 'nominal' is missing"),
         (CONTRACT.partition('objects:')[0] + 'objects: []', 'objects: expected a list of discs'),
-        (CONTRACT.partition('objects:')[0] + 'objects: {a: 1}', 'objects: expected a list of discs'),
         (CONTRACT.partition('objects:')[0] + 'objects: [3]', 'objects[0]: expected a mapping'),
         (CONTRACT + 'noise: {joint: 1, force: 1}', "line 17: the key 'noise' is given twice"),
         ('a: [', 'not valid YAML: line 1'),
         ('a: 1\0', 'not valid YAML'),
-        ('---\n1\n---\n2', 'not valid YAML'),
         ('a: &x 1', 'anchors and aliases are not allowed'),
-        ('a: *x', 'anchors and aliases are not allowed'),
         ('!!python/object/apply:os.system [ls]', 'is not allowed'),
         ('? [a, b]\n: 1', 'a key must be a word'),
         ('[' * 5_000, 'nested deeper than 32'),
@@ -272,8 +250,6 @@ def with_sizes(text: str) -> str:
             DISC_3, ''), "'disc_2' is out of reach, 0.2441 m from the base at (0, 0) m where the tip reaches 0.4 to"),
         (PLAIN + 'identification: {serial_number: 0047}',
          'identification.serial_number: expected a string, got 47; put it in quotes'),
-        (PLAIN + 'identification: {serial: "0047"}', "unknown key 'serial'; did you mean 'serial_number'"),
-        (changed('/wrench ', 'joint_states '), 'both topics are named joint_states'),
         *((PLAIN.replace(old, f"'{name}'"), 'is a formula to spreadsheets; begin it with a letter')
           for old in ('disc_1', 'joint1') for name in ('=HYPERLINK("http://x")', '+1', '-1', '@a')),
         *((STATED.replace(old, new), message) for old, new, message in STATED_WRONG),
@@ -315,21 +291,14 @@ def test_files_that_cannot_be_read(tmp_path: Path, make, expected: str) -> None:
     assert any(part in str(caught.value) for part in expected.split('|'))
 
 
-def test_a_path_that_cannot_be_one() -> None:
-    with pytest.raises(CellError):
-        load_cell('a\0b')
-
-
 def test_a_coupling_of_the_joints_is_read_written_and_compared() -> None:
     cell = parse_cell(changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
     assert cell.coupling == 0.25
-    assert parse_cell(dump_cell(cell)) == cell
+    assert parse_cell(dump_cell(cell)) == stored_cell(cell_entry(cell), 'x') == cell
     assert different_parts(cell, parse_cell(CONTRACT)) == ['robot']
-    assert stored_cell(cell_entry(cell), 'x') == cell
     readings = np.array([[1.0, 2.0], [-0.4, 0.1]])
     np.testing.assert_allclose(cell.angles(readings), [[1.0, 1.75], [-0.4, 0.2]], rtol=1e-15)
     np.testing.assert_allclose(cell.readings(cell.angles(readings)), readings, rtol=1e-15)
-    np.testing.assert_array_equal(cell.angles(readings[0]), [1.0, 1.75])
 
 
 def test_identification_is_read_written_and_compared() -> None:

@@ -83,16 +83,19 @@ def columns(rows: list[dict[str, str]], *names: str) -> np.ndarray:
 def check_tree(text: str, arm: CalibratedArm) -> None:
     robot = Tree(text)
     for q in JOINTS:
-        _, at = robot.frame(TOOL_FRAME, dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True)))
-        expected = arm.cell.plane.in_robot(forward(arm.model.parameters, q))
-        np.testing.assert_allclose(at, expected, rtol=0, atol=1e-12)
+        axes, at = robot.frame(TOOL_FRAME, dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True)))
+        plane, p = arm.cell.plane, arm.model.parameters
+        np.testing.assert_allclose(at, plane.in_robot(forward(p, q)), rtol=0, atol=1e-12)
+        along = q.sum() + p.theta1 + p.theta2
+        expected = plane.axes[:, :2] @ [np.cos(along), np.sin(along)]
+        np.testing.assert_allclose(axes[:, 0], expected, rtol=0, atol=1e-12)
 
 
 PLANE = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 'flange')
 
 
 @pytest.fixture(
-    params=[{}, {'coupling': 16 / 76}, {'coupling': 0.3, 'direction': (-1, 1)}, {'plane': PLANE}],
+    params=[{}, {'coupling': 16 / 76}, {'coupling': 0.3, 'direction': (-1, 1)}, {'plane': PLANE, 'direction': (1, -1)}],
     ids=['', 'coupled', 'turned', 'upright'],
 )
 def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm:
@@ -100,7 +103,12 @@ def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm
 
 
 def test_urdf(coupled: CalibratedArm) -> None:
-    check_tree(text_of(coupled, 'urdf'), coupled)
+    text = text_of(coupled, 'urdf')
+    check_tree(text, coupled)
+    robot = ElementTree.fromstring(text)
+    for kind in ('link', 'joint'):
+        names = [each.attrib['name'] for each in robot.iterfind(kind)]
+        assert len({*names}) == len(names)
 
 
 def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:
