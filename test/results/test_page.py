@@ -102,17 +102,13 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     text = words_of(page)
     c = nasty.calibration
     assert 'The base model explains these touches. No model error detected (p = ' in text
-    assert 'Effects that these touches cannot identify' in text
     assert 'bending of link 2 is always part of p2' in text
     nominal = np.hypot(*c.nominal_residual[c.used].T).mean()
     assert f'{c.force_error:.3g} N in the fit, {nominal:.3g} N with nominal parameters' in text
-    compared = nasty.comparison
-    assert f'{1e6 * compared.nominal_tip:.0f} → {1e6 * compared.extended.tip.held_out:.3g} µm' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
     assert nasty.warnings[0] in text
     assert page.count('<svg') == 2 + 2
-    assert 'residuals.csv has all touches' in text
 
 
 def test_an_effect_is_shown_with_all_about_it(extended_page: str, grown: Outcome) -> None:
