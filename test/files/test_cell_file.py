@@ -65,6 +65,7 @@ STATED = PLAIN.replace(
     """  limits: {joint1: [-2.6, 2.5], joint2: [-2.4, 2.3]}
   lift: {joint: joint3, up: 0.02, down: 0.0}
   hold: {joint4: 0.5}
+  coupling: 0.25
 objects:""",
 )
 STATED += """
@@ -81,6 +82,7 @@ tip: {radius: 0.005}
 gravity: [0.0, 0.0]
 obstacles: [{outline: [[0.3, 0.1], [0.5, 0.1], [0.5, 0.3]]}]
 touch: {force: [20, 50], max_force: 80, contact_speed: 0.005}
+identification: {robot: TS60, serial_number: "0047", operator: Ä. Sato}
 """
 """The paper's cell with what it leaves out: how well it is known, and how the robot may move."""
 
@@ -283,28 +285,6 @@ def test_files_that_cannot_be_read(tmp_path: Path, make, expected: str) -> None:
     assert any(part in str(caught.value) for part in expected.split('|'))
 
 
-def test_a_coupling_of_the_joints_is_read_written_and_compared() -> None:
-    cell = parse_cell(changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
-    assert cell.coupling == 0.25
-    assert parse_cell(dump_cell(cell)) == stored_cell(cell_entry(cell), 'x') == cell
-    assert different_parts(cell, parse_cell(CONTRACT)) == ['robot']
-    readings = np.array([[1.0, 2.0], [-0.4, 0.1]])
-    np.testing.assert_allclose(cell.angles(readings), [[1.0, 1.75], [-0.4, 0.2]], rtol=1e-15)
-    np.testing.assert_allclose(cell.readings(cell.angles(readings)), readings, rtol=1e-15)
-
-
-def test_identification_is_read_written_and_compared() -> None:
-    text = 'identification: {robot: TS60, serial_number: "0047", operator: Ä. Sato}\n'
-    cell = parse_cell(dump_cell(PAPER_CELL) + text)
-    assert cell.identification == Identification(robot='TS60', serial_number='0047', operator='Ä. Sato')
-    assert parse_cell(dump_cell(cell)) == cell
-    assert different_parts(cell, PAPER_CELL) == []
-    other = replace(cell, identification=cell.identification._replace(operator='B'))
-    assert different_parts(cell, other) == []
-    other = replace(cell, identification=cell.identification._replace(serial_number='0048'))
-    assert different_parts(cell, other) == ['identification']
-
-
 def test_what_is_stated_is_read_written_and_stored() -> None:
     cell = parse_cell(STATED)
     assert cell.discs[0] == Disc('disc_1', -0.25, 0.3, 0.15, center_std=1.5e-5, radius_std=5e-6, plate='a')
@@ -318,7 +298,14 @@ def test_what_is_stated_is_read_written_and_stored() -> None:
     assert (cell.lift, cell.hold) == (Lift('joint3', 0.02, 0.0), {'joint4': 0.5})
     assert cell.obstacles == (((0.3, 0.1), (0.5, 0.1), (0.5, 0.3)),)
     assert cell.touch == TouchMotion((20.0, 50.0), 80.0, contact_speed=0.005)
-    assert different_parts(cell, PAPER_CELL) == ['disc_1', 'plates', 'uncertainty', 'tolerance', 'region']
+    assert cell.coupling == 0.25
+    assert cell.identification == Identification(robot='TS60', serial_number='0047', operator='Ä. Sato')
+    parts = ['robot', 'disc_1', 'plates', 'uncertainty', 'tolerance', 'region']
+    assert different_parts(cell, PAPER_CELL) == parts
+    other = replace(cell, identification=cell.identification._replace(operator='B'))
+    assert different_parts(cell, other) == []
+    other = replace(cell, identification=cell.identification._replace(serial_number='0048'))
+    assert different_parts(cell, other) == ['identification']
     assert parse_cell(dump_cell(cell)) == stored_cell(cell_entry(cell), 'file') == cell
     assert (parse_cell(PLAIN), dump_cell(parse_cell(PLAIN))) == (PAPER_CELL, PLAIN)
     assert (PAPER_CELL.limits, PAPER_CELL.lift, PAPER_CELL.obstacles) == (None, None, ())
