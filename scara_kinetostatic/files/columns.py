@@ -299,9 +299,6 @@ def parse_table(text: str, source: str, example: str) -> Table:
         problem = f'expected at most {MAX_COLUMNS} columns with headings of {MAX_HEADING} characters'
         got = f'{len(heading)} columns, the longest heading {longest[:40]!r}'
         raise RecordingError(source, f'{problem}, got {got}', 'shorten the first line')
-    if any(_NUMBER.match(plain(cell)) for cell in heading):
-        problem = 'expected a heading in the first line, got numbers'
-        raise RecordingError(source, problem, f'begin with a line such as {example}')
     if len(rows) < 2:
         raise RecordingError(source, 'there are no rows below the heading', 'give one row for each measurement')
     return Table(source, heading, tuple(rows[1:]), separator != ',')
