@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -187,7 +187,9 @@ def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats
         turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # where roll and yaw turn about one axis, one of them is taken as 0
-            rpy = turned.as_euler('xyz')
+            roll, pitch, yaw = turned.as_euler('xyz')
+        off = wrap(np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]]) - rpy)
+        rpy = rpy + off[np.abs(off).sum(axis=1).argmin()]  # of its two triples that which is near the old one
     return Origin(np.round(xyz + parent.T @ move, 15) + 0.0, np.round(rpy, 15) + 0.0)
 
 
