@@ -105,12 +105,6 @@ def test_numbers_as_people_write_them() -> None:
     assert parse_cell(text).nominal == PAPER_NOMINAL
 
 
-def test_relative_topics_stay_relative() -> None:
-    sensor = parse_cell(changed('/wrench ', 'ft/wrench ')).sensor
-    assert sensor.wrench == 'ft/wrench'
-    assert sensor.topics == ('/joint_states', '/ft/wrench')
-
-
 def test_dump_is_read_by_any_yaml_reader() -> None:
     data = yaml.safe_load(dump_cell(Cell(PAPER_MEASURED, PAPER_DISCS)))
     assert data['robot']['nominal'] == PAPER_MEASURED.as_dict()
