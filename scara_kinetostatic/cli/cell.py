@@ -2,10 +2,10 @@
 
 Two parallel joints of a robot are an arm in a plane: the axes of a SCARA, or
 shoulder and elbow of an arm with six or seven joints. Reads the URDF of the
-robot (a xacro where that is installed), holds all other joints where --at puts
-them, and writes a cell description: joint names, directions, lengths, offsets,
-limits, the plane in the robot's frame, gravity in it, static moments, the
-mounting of the sensor. Comments say where each number comes from. What is
+robot, holds all other joints where --at puts them (rad, m; 0 unless told), and
+writes a cell description: joint names, directions, lengths, offsets, limits,
+the plane in the robot's frame, gravity in it, static moments, the mounting of
+the sensor. Comments say where each number comes from. What is
 touched has to be filled in.
 
 The URDF is that of a file, or is heard on a topic, as robot_state_publisher
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source = parser.add_mutually_exclusive_group(required=True)
     add_options(
         source,
-        ('--urdf', 'FILE', Path, 'URDF of the robot, or a .xacro'),
+        ('--urdf', 'FILE', Path, 'URDF of the robot'),
         ('--topic', 'NAME', str, 'topic that carries it, such as robot_description'),
     )
     held = 'position of another joint, rad or m; several, or repeatable'

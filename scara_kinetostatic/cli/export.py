@@ -6,7 +6,7 @@ Writes the calibrated arm in a format of other software:
           offsets in the origins of the joints, so that the joint angles which
           the robot reports give the tip (frame tool0)
   xacro   the same as properties and a macro
-  dh      Denavit-Hartenberg table (CSV), standard or modified convention
+  dh      Denavit-Hartenberg table (CSV), standard convention
   csv     corrections of the joint angles of the nominal arm, over the
           workspace and the load
   header  C99 header: constants, and functions for the tip from joint angles
@@ -37,14 +37,12 @@ from scara_kinetostatic.errors import ParameterError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     formats = ('urdf', 'xacro', 'dh', 'csv', 'header')
-    conventions = ('standard', 'modified')
     add_options(
         parser,
         ('calibration', 'CALIBRATION.json', Path, 'of the result of calibrate'),
         ('--format', '', formats, 'of the file', {'required': True}),
         ('--out', 'FILE', Path, 'the file (default: stdout)'),
         ('--into', 'FILE', Path, 'of urdf: the URDF of the robot, which is corrected'),
-        ('--convention', '', conventions, 'of dh (default: standard)', {'default': 'standard'}),
     )
     force = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
     add_options(
@@ -68,16 +66,13 @@ def run(args: argparse.Namespace) -> None:
     out, inputs = args.out, [args.calibration, *([args.into] if args.into else [])]
     if args.into and (out is None or args.format != 'urdf'):
         raise ParameterError('--into', 'is for --format urdf with --out FILE', 'give both')
-    if args.into and args.into.suffix == '.xacro':
-        raise ParameterError('--into', 'a xacro is a program', f'expand it: xacro {args.into} > robot.urdf')
     if out is not None:
         check_file(out, inputs)
     arm, name = load_calibration(args.calibration), args.calibration.name
     if args.into:
         text, notes = exported_into(arm, args.into, name)
     else:
-        options = {'convention': args.convention, 'step': args.step, 'forces': args.force}
-        text, notes = exported(arm, args.format, name, **options)
+        text, notes = exported(arm, args.format, name, step=args.step, forces=args.force)
     if out is not None:
         write_texts(out.parent, {out.name: text})
     print(text if out is None else f'{out}\n', end='')

@@ -13,10 +13,9 @@ import hashlib
 import os
 import re
 import shutil
-import signal
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import chain, count
 from pathlib import Path
@@ -97,8 +96,7 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
     Args:
         folder: the folder, made if it does not exist.
         texts: the content of each file by its name; former files of these names are replaced.
-        kept: new names of former files that are kept, by their names; none may exist. A former file is there under
-            its new name before the new one takes its place.
+        kept: new names of former files that are kept, by their names.
 
     Raises:
         OutputError: the folder cannot be written; no file in it has changed, unless a file that was writable before
@@ -112,38 +110,14 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
                 raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
             if place.exists() and not place.is_file():
                 raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
-        for second in kept.values():
-            if os.path.lexists(folder / second):
-                raise _exists(folder / second)
         with _hidden_folder(folder, 'results') as hidden:
             for name, text in texts.items():
                 _write(hidden / name, text)
-            for name, second in kept.items():
-                shutil.copy2(folder / name, hidden / second)
-                with (hidden / second).open('rb') as copy:
-                    os.fsync(copy.fileno())
-            with _no_signal():
-                for name in (*kept.values(), *texts):
-                    (hidden / name).replace(folder / name)
+            moves = [(folder / name, folder / second) for name, second in kept.items()]
+            moves += [(hidden / name, folder / name) for name in texts]
+            with ThreadPoolExecutor(1) as thread:  # Ctrl-C comes to the main thread alone, which waits for this one
+                thread.submit(lambda: [draft.replace(place) for draft, place in moves]).result()
             sync_folder(folder)
-
-
-@contextmanager
-def _no_signal() -> Iterator[None]:
-    """Ctrl-C and SIGTERM have to wait. A mask would hold for this thread alone, and those of BLAS would take them."""
-    came = list[int]()
-    former = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
-    if threading.current_thread() is not threading.main_thread() or None in former.values():
-        former = {}  # the main thread alone runs handlers; a handler that is not of Python stays
-    for each in former:
-        signal.signal(each, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        for each, handler in former.items():
-            signal.signal(each, handler)
-        for number in came:
-            signal.raise_signal(number)
 
 
 def sync_folder(folder: Path) -> None:

@@ -25,7 +25,6 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Undetected
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
-from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
@@ -40,7 +39,7 @@ RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
 _MAX_BYTES, _MOST_VALUES = 12 << 20, 1_000_000
 """Larger documents are refused; one has up to 1.2 kB for each touch."""
-_REMEDY = 'give the calibration.json that calibrate writes'
+_REMEDY = 'give the calibration.json that calibrate of this version writes'
 
 
 def cell_entry(cell: Cell) -> dict[str, Any]:
@@ -136,11 +135,7 @@ def read_document(path: Path) -> Any:
     Raises:
         CalibrationFileError: the file cannot be read, or is no JSON.
     """
-    content = read_file(path, CalibrationFileError, _MAX_BYTES, 'JSON')
-    try:
-        return parse_document(content.decode('utf-8-sig'), path)
-    except UnicodeDecodeError as error:
-        raise CalibrationFileError(path, f'not UTF-8 text (byte {error.start})', _REMEDY) from error
+    return parse_document(read_text(path, CalibrationFileError, _MAX_BYTES, 'JSON'), path)
 
 
 def is_readable(text: str) -> bool:
@@ -173,11 +168,9 @@ def read_arm(document: Any, where: str | Path) -> CalibratedArm:
     Raises:
         CalibrationFileError: it has another schema, or is damaged.
     """
-    check_schema(document, where)
-    for key in ('cell', 'model'):
-        if key not in document:
-            problem = f'there is no {key!r} in it: an earlier version of this package wrote it'
-            raise CalibrationFileError(where, problem, 'calibrate again with this version')
+    schema = document.get('schema') if isinstance(document, dict) else None
+    if schema not in (SCHEMA, RESULT_SCHEMA):
+        raise CalibrationFileError(where, f'expected the schema {SCHEMA}, got {schema!r:.80}', _REMEDY)
     try:
         return _arm(document, where)
     except CellError as error:
@@ -185,24 +178,6 @@ def read_arm(document: Any, where: str | Path) -> CalibratedArm:
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ParameterError) as error:
         reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
         raise CalibrationFileError(where, f'is damaged: {reason:.200}', _REMEDY) from error
-
-
-def check_schema(document: Any, where: str | Path) -> None:
-    """Whether a document is one of a calibration.
-
-    Raises:
-        CalibrationFileError: it is none, or of another version.
-    """
-    if not isinstance(document, dict):
-        raise CalibrationFileError(where, f'expected a calibration, got {type(document).__name__}', _REMEDY)
-    schema = document.get('schema')
-    if schema in (SCHEMA, RESULT_SCHEMA):
-        return
-    if schema is None:
-        raise CalibrationFileError(where, 'is no calibration: there is no key "schema"', _REMEDY)
-    same = isinstance(schema, str) and schema.rpartition('/')[0] == SCHEMA.rpartition('/')[0]
-    remedy = 'use the version of this package that wrote it' if same else _REMEDY
-    raise CalibrationFileError(where, f'expected the schema {SCHEMA}, got {schema!r:.80}', remedy)
 
 
 def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:

@@ -17,18 +17,28 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from enum import Enum
 from functools import partial
-from math import hypot, inf
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.files.yaml_file import Reader, Section, Within, choice, dump_yaml, parse_yaml, read_text, shown
+from scara_kinetostatic.errors import CellError, ParameterError
+from scara_kinetostatic.files.yaml_file import (
+    ANY,
+    Reader,
+    Section,
+    Within,
+    choice,
+    dump_yaml,
+    parse_yaml,
+    read_text,
+    shown,
+)
 from scara_kinetostatic.model import cell as cells
 from scara_kinetostatic.model.cell import Plane, axes_problem
 from scara_kinetostatic.model.effect_law import Parameter
-from scara_kinetostatic.model.outline import Outline, outline_problem
-from scara_kinetostatic.model.parameters import LEVEL, MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
+from scara_kinetostatic.model.outline import Outline
+from scara_kinetostatic.model.parameters import LEVEL, MOMENTS, NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
@@ -93,14 +103,23 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     if moments and gravity == LEVEL:
         reason = 'without gravity they are no parameters'
         raise top.error('robot.moments', reason, 'give `gravity` or leave them out')
-    nominal = found.pop('nominal').replace(**moments, gravity=gravity)
     found['tip_radius'] = found.pop('tip', None)
-    discs = () if may_be_empty and top.data['objects'] == [] else _discs(top, found)
-    cell = cells.Cell(nominal, discs, **found)
-    cell = replace(cell, uncertainty=_uncertainty(top, cell))
-    if check_layout and cell.discs:
-        _check_layout(cell, top)
-    return cell
+    found['limits'] = turned_limits(found.get('limits'), found.get('direction', (1, 1)))
+    discs = () if may_be_empty and top.data['objects'] == [] else _discs(top)
+    try:
+        nominal = found.pop('nominal').replace(**moments, gravity=gravity)
+        cell = cells.Cell(nominal, discs, **found)
+    except ParameterError as error:
+        raise top.error(error.where, error.problem, error.remedy) from error
+    if empty := {plate.name for plate in cell.plates} - {disc.plate for disc in discs}:
+        raise top.error('plates', f'no disc is on plate {min(empty)!r}', 'leave it out, or name it at its discs')
+    joints = [*cell.joint_names, *([cell.lift.joint] if cell.lift else []), *cell.hold]
+    if twice := [name for name in joints if joints.count(name) > 1]:
+        raise top.error('robot', f'{twice[0]!r} is named twice', 'joint_names, lift and hold are different joints')
+    if check_layout and discs and (problems := cells.layout_problems(cell, cell.centers, cell.radii)):
+        remedy = 'check center and radius (in m, to the centre of the tip; not the diameter)'
+        raise top.error('objects', problems[0], remedy)
+    return replace(cell, uncertainty=_uncertainty(top, cell))
 
 
 def cell_description(cell: cells.Cell) -> dict[str, Any]:
@@ -116,10 +135,8 @@ def cell_description(cell: cells.Cell) -> dict[str, Any]:
             **_given(
                 coupling=cell.coupling,
                 direction=cell.direction if cell.direction != (1, 1) else None,
-                plane=cell.plane.is_stated
-                and {name: each for name, each in cell.plane._asdict().items() if name != 'tip' or each},
-                moments={name: getattr(nominal, name) for name in nominal.names[len(NAMES) :]}
-                | _given(phi1=nominal.phi1, phi2=nominal.phi2),
+                plane=cell.plane.is_stated and _given(**cell.plane._asdict()),
+                moments=nominal.has_gravity and {name: getattr(nominal, name) for name in _MOMENTS},
                 limits=dict(zip(cell.joint_names, limits, strict=False)),
                 lift=cell.lift and cell.lift._asdict(),
                 hold=cell.hold,
@@ -223,30 +240,11 @@ def _nominal(name: str) -> Within:
     return Within(least, positive=name in ('l1', 'l2'), unit=UNITS[name])
 
 
-def _gravity(top: Section, key: str) -> tuple[float, ...]:
-    gravity = top.vector(key, ('x', 'y'))
-    if hypot(*gravity) > MOST_GRAVITY:
-        problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown(list(gravity))}'
-        raise top.error(key, problem, 'give it in m/s²: [0.0, -9.81]')
-    return gravity
-
-
-def _joint_names(robot: Section, key: str = 'joint_names') -> tuple[str, str]:
-    names = robot.data.get(key, list(cells.Cell.joint_names))
-    if not isinstance(names, list) or len(names) != 2:
-        raise robot.error(key, f'expected the two names of q1 and q2 in JointState, got {shown(names)}')
-    entries = robot.entries(key, {'q1': names[0], 'q2': names[1]})
-    first, second = entries.word('q1'), entries.word('q2')
-    if first == second:
-        raise robot.error(key, f'both joints are named {first!r}', 'name q1 and q2 as JointState does')
-    return first, second
-
-
-def _direction(robot: Section, key: str) -> tuple[int, int]:
-    signs = robot.data[key]
-    if not isinstance(signs, list) or len(signs) != 2 or any(sign not in (1, -1) or sign is True for sign in signs):
-        raise robot.error(key, f'expected two of 1 and -1, got {shown(signs)}', 'write [1, -1]')
-    return int(signs[0]), int(signs[1])
+def _sign(section: Section, name: str) -> int:
+    sign = section.number(name)
+    if sign not in (1, -1):
+        raise section.error(name, f'expected 1 or -1, got {sign:g}')
+    return int(sign)
 
 
 def turned_limits(limits: cells.Limits | None, direction: tuple[int, int]) -> cells.Limits | None:
@@ -279,21 +277,17 @@ def _sensor_axes(sensor: Section, key: str) -> tuple[tuple[float, ...], ...]:
     return found['x'], found['y']
 
 
-def _limits(robot: Section, key: str) -> cells.Limits | None:
-    within = Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
-    names, direction = (
-        _joint_names(robot),
-        robot.read({'direction': _direction}, ('direction',)).get('direction', (1, 1)),
+def _limits(robot: Section, key: str) -> tuple[tuple[float, float], ...]:
+    of_joint = _interval(
+        'lower limit', 'upper limit', Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
     )
-    found = robot.record(key, dict.fromkeys(names, _interval('lower limit', 'upper limit', within)), names)
-    return turned_limits((found[names[0]], found[names[1]]), direction)
+    names = robot.read({'joint_names': _READERS['robot']['joint_names']}).get('joint_names', cells.Cell.joint_names)
+    return tuple(robot.record(key, dict.fromkeys(names, of_joint), names).values())
 
 
 def _lift(robot: Section, key: str) -> cells.Lift:
     readers: dict[str, Reader] = {'joint': Section.word, 'up': Within(unit='m'), 'down': Within(unit='m')}
     lift = cells.Lift(**robot.record(key, readers, tuple(readers)))
-    if lift.joint in _joint_names(robot):
-        raise robot.error(f'{key}.joint', f'{lift.joint!r} is one of joint_names', 'name the joint that raises the tip')
     if lift.up == lift.down:
         problem = f'up and down are both {lift.up:g}: it does not lift'
         raise robot.error(f'{key}.up', problem, 'give two positions, m')
@@ -301,14 +295,11 @@ def _lift(robot: Section, key: str) -> cells.Lift:
 
 
 def _hold(robot: Section, key: str) -> dict[str, float]:
-    held, lift = robot.data[key], robot.data.get('lift') or {}
-    section = robot.section(key, (), held if isinstance(held, dict) else ('joint4',))
-    for name in section.data:
-        if name in (*_joint_names(robot), lift.get('joint')):
-            raise section.error(name, 'it is a joint of the plane or the lift', 'name the other joints only')
-        if not name.strip() or not name.isprintable():
-            raise section.error('', f'expected names of joints, got {shown(name)}')
-    return {name: section.number(name) for name in section.data}
+    held = robot.data[key]
+    names = list(held) if isinstance(held, dict) else ['joint4']
+    if wrong := [name for name in names if not name.strip() or not name.isprintable()]:
+        raise robot.error(key, f'expected names of joints, got {shown(wrong[0])}')
+    return robot.record(key, dict.fromkeys(names, ANY), stated=names)
 
 
 def _obstacles(top: Section, key: str) -> tuple[tuple[tuple[float, float], ...], ...]:
@@ -321,8 +312,7 @@ def _corners(section: Section, key: str) -> tuple[tuple[float, float], ...]:
     corners, least, most = section.data[key], 2 if section.data.get('open') is True else 3, 50
     if not isinstance(corners, list) or not least <= len(corners) <= most:
         raise section.error(key, f'expected {least} to {most} corners [x, y], got {shown(corners)}')
-    places = section.entries(key, {f'corner {k}': corner for k, corner in enumerate(corners)})
-    return tuple(places.read(dict.fromkeys(places.data, _vector('x', 'y', unit='m')), places.data).values())
+    return section.vector(key, [f'corner {k}' for k in range(len(corners))], _vector('x', 'y', unit='m'))
 
 
 def _touch(top: Section, key: str) -> cells.TouchMotion:
@@ -349,39 +339,24 @@ def _plates(top: Section, key: str) -> tuple[cells.Plate, ...]:
     return tuple(plates)
 
 
-def _discs(top: Section, of_cell: Mapping[str, Any]) -> tuple[cells.Disc | Outline, ...]:
-    discs, plates = list[cells.Disc | Outline](), [plate.name for plate in of_cell.get('plates', ())]
+def _discs(top: Section) -> tuple[cells.Disc | Outline, ...]:
+    discs = list[cells.Disc | Outline]()
     optional = ('uncertainty', 'plate')
     other = ('name', 'outline'), ('corner_radius', 'open', *optional)
     for section in top.items('objects', 'discs', ('name', 'center', 'radius'), optional, other=other):
-        name, plate = section.word('name'), section.read({'plate': Section.word})
+        name = section.word('name')
         if name in (disc.name for disc in discs):
             raise section.error('name', f'another disc is named {name!r}, too', 'give every disc its own name')
-        if plate and plate['plate'] not in plates:
-            remedy = f'the plates are {", ".join(plates)}' if plates else 'describe it under plates'
-            raise section.error('plate', f'no plate is named {plate["plate"]!r}', remedy)
         if 'outline' in section.data:
-            disc: cells.Disc | Outline = _outline(section, top, name, of_cell.get('tip_radius'))
+            given = section.read(_READERS['outline'], ('open',))
+            more = {'is_open': given.get('open', False), 'corner_radius': given.get('corner_radius', 0.0)}
+            disc: cells.Disc | Outline = Outline(name, given['outline'], **more, **_stds(section, Outline))
         else:
             x, y = section.vector('center', ('x', 'y'), Within(unit='m'))
             radius = section.number('radius', Within(positive=True, unit='m'))
             disc = cells.Disc(name, x, y, radius, **_stds(section, cells.Disc))
-        discs.append(disc._replace(**plate))
-    if empty := [plate for plate in plates if plate not in {disc.plate for disc in discs}]:
-        raise top.error('plates', f'no disc is on plate {empty[0]!r}', 'leave it out, or name it at its discs')
+        discs.append(disc._replace(**section.read({'plate': Section.word})))
     return tuple(discs)
-
-
-def _outline(section: Section, top: Section, name: str, tip: float | None) -> Outline:
-    given = section.read({'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')}, ('open',))
-    more: dict[str, Any] = {'is_open': given.get('open', False), 'corner_radius': given.get('corner_radius', 0.0)}
-    outline = Outline(name, given['outline'], **more, **_stds(section, Outline))
-    if tip is None:
-        problem = f'{name} is an outline: the radius of the tip is missing'
-        raise top.error('tip', problem, 'add tip: {radius: 0.005}, m')
-    if (problem_of := outline_problem(outline, tip)) is not None:
-        raise section.error('outline', *problem_of)
-    return outline
 
 
 def _stds(section: Section, kind: type) -> dict[str, Any]:
@@ -391,19 +366,11 @@ def _stds(section: Section, kind: type) -> dict[str, Any]:
 
 
 def _topic(sensor: Section, key: str) -> str:
-    topic = sensor.word(key)
-    if not _TOPIC.match(topic):
-        raise sensor.error(key, f'{topic!r} is not a topic name', f'write it like {getattr(cells.Sensor(), key)}')
-    if '/' + topic.lstrip('/') == CELL_TOPIC:
-        raise sensor.error(key, f'{CELL_TOPIC} carries the cell description', 'choose another topic')
-    return topic
-
-
-def _service(sensor: Section, key: str) -> str:
-    service = sensor.word(key) if sensor.data[key] else ''
-    if service and not _TOPIC.match(service):
-        raise sensor.error(key, f'{service!r} is no name of a service', 'write it like /sensor/zero')
-    return service
+    """The name of a topic or service."""
+    name = sensor.word(key)
+    if not _TOPIC.match(name) or '/' + name.lstrip('/') == CELL_TOPIC:
+        raise sensor.error(key, f'expected a name other than {CELL_TOPIC}, got {name!r}', 'write it like /arm/wrench')
+    return name
 
 
 def _sensor(top: Section, key: str) -> cells.Sensor:
@@ -439,19 +406,7 @@ def _effects(cell: cells.Cell, section: Section, key: str) -> cells.EffectSizes:
             raise inner.error(name, 'is a size in several units', f'give {name}[joint1] and others by themselves')
         stated[name] = inner.number(name, Within(0.0, min(parameter.scale for parameter in known[name])))
     modes = inner.read({'sizes': choice(cells.SizeMode), 'arm': choice(cells.ArmClass)}, ('sizes', 'arm'))
-    if 'arm' in modes and modes.get('sizes') is cells.SizeMode.NONE:
-        raise inner.error('arm', 'has no meaning with sizes: none', 'write sizes: estimated, or typical')
     return cells.EffectSizes(**modes, stated=stated)
-
-
-def _noise(top: Section, key: str) -> cells.Noise:
-    """The noise: one number per kind or axis, and a part that grows with the force."""
-    section = top.section(key, (), _READERS['noise'])
-    if missing := [name for name in ('joint', 'force') if section.data.get(name) is None]:
-        problem = f'{" and ".join(missing)} {"is" if len(missing) == 1 else "are"} missing'
-        remedy = 'joint and force are given together or not at all; leave out noise to have both estimated'
-        raise section.error('', problem, f'{remedy}; force_relative may be left out')
-    return cells.Noise(**section.read(_READERS['noise']))
 
 
 def _level(first: str, second: str, least: float, most: float, unit: str) -> Reader:
@@ -467,14 +422,6 @@ def _level(first: str, second: str, least: float, most: float, unit: str) -> Rea
     return read
 
 
-def _check_layout(cell: cells.Cell, top: Section) -> None:
-    """Refuses discs that cannot be touched, or not without touching another one."""
-    if not (problems := cells.layout_problems(cell, cell.centers, cell.radii)):
-        return
-    remedy = 'check center and radius (in m, to the centre of the tip; not the diameter)'
-    raise top.error('objects', problems[0], remedy)
-
-
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 _LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
@@ -486,28 +433,33 @@ _STDS = {
     cells.Plate: {'center': ('center_std', replace(_LENGTH, most=0.02)), 'angle': ('angle_std', _ANGLE)},
 }
 """Field and limits of each key of `uncertainty`, by what has it."""
+_NOISE: dict[str, Reader] = {
+    'joint': _level('joint 1', 'joint 2', 1e-15, 1e-2, 'rad'),
+    'force': _level('x', 'y', 1e-12, 100.0, 'N'),
+    'force_relative': Within(0.0, 0.2, 'give it as a part of the force: 0.01 for 1 %'),
+}
 _FORCE = Within(0.0, 5e3, positive=True, unit='N')
 _MOMENTS = {name: Within(unit=UNITS.get(name, 'rad')) for name in (*MOMENTS, 'phi1', 'phi2')}
 _READERS: dict[str, dict[str, Reader]] = {
     'cell': {
         'sensor': _sensor,
-        'noise': _noise,
+        'noise': _record(cells.Noise, _NOISE, ('joint', 'force')),
         'plates': _plates,
         # any calibration meets a larger one
         'tolerance': _only('tip', Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')),
         'region': _region,
         'tip': _only('radius', Within(positive=True, unit='m')),
         'obstacles': _obstacles,
-        'gravity': _gravity,
+        'gravity': _vector('x', 'y', unit='m/s²'),
         'touch': _touch,
         # a number must be in quotes, so that no digit of it is lost
         'identification': _record(cells.Identification, dict.fromkeys(cells.Identification._fields, Section.word)),
     },
     'robot': {
         'nominal': _record(Parameters, {name: _nominal(name) for name in NAMES}, NAMES),
-        'joint_names': _joint_names,
+        'joint_names': lambda robot, key: robot.vector(key, ('q1', 'q2'), Section.word),
         'coupling': Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth'),
-        'direction': _direction,
+        'direction': lambda robot, key: robot.vector(key, ('joint 1', 'joint 2'), _sign),
         'plane': _plane,
         # phi: directions of the centres of mass from those of the links
         'moments': _record(dict, _MOMENTS, stated=_MOMENTS),
@@ -516,11 +468,6 @@ _READERS: dict[str, dict[str, Reader]] = {
         'hold': _hold,
     },
     'model': {'gripper_sign': choice(cells.GripperSign)},
-    'noise': {
-        'joint': _level('joint 1', 'joint 2', 1e-15, 1e-2, 'rad'),
-        'force': _level('x', 'y', 1e-12, 100.0, 'N'),
-        'force_relative': Within(0.0, 0.2, 'give it as a part of the force: 0.01 for 1 %'),
-    },
     'sensor': {
         'joint_states': _topic,
         'wrench': _topic,
@@ -529,8 +476,9 @@ _READERS: dict[str, dict[str, Reader]] = {
         'time_offset': Within(-4e9, 4e9, unit='s'),
         'rotation': Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad'),
         'axes': _sensor_axes,
-        'zero_service': _service,
+        'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
     },
+    'outline': {'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},
     'touch': {
         'force': _interval('smallest force', 'largest force', _FORCE),
         'max_force': _FORCE,

@@ -153,11 +153,8 @@ class Table:
 
     def _missing(self, column: Column, heading: str | None, columns: Sequence[Column]) -> RecordingError:
         if heading is not None:
-            unit = split_heading(heading)[1]
-            got = f'the unit {unit!r}' if unit else 'no unit'
-            choices = f'{"one of " if len(column.headings) > 1 else ""}{", ".join(column.headings)}'
-            remedy = f'{"convert it to" if unit else "call it"} {choices}'
-            return RecordingError(self.source, f'the column {heading!r} has {got}', remedy)
+            problem = f'the column {heading!r} has none of the units of {column.words[0]}'
+            return RecordingError(self.source, problem, f'convert it to {" or ".join(column.headings)}')
         got = ', '.join(filter(None, self.heading))[:200]
         names = ','.join(each.headings[0] for each in columns if each.required)
         return RecordingError(
@@ -168,9 +165,7 @@ class Table:
         """A note on the columns that are not read; none where there are none."""
         read = {place.number for place in places.values()}
         names = [repr(heading) for index, heading in enumerate(self.heading) if heading and index not in read]
-        if len(names) < 2:
-            return [f'the column {name} is unknown and not used' for name in names]
-        return [f'the columns {", ".join(names)} are unknown and not used']
+        return [f'columns that are unknown and not used: {", ".join(names)}'] if names else []
 
     def read(self, places: Mapping[str, Place]) -> Values:
         """The values of the columns.
@@ -304,9 +299,6 @@ def parse_table(text: str, source: str, example: str) -> Table:
         problem = f'expected at most {MAX_COLUMNS} columns with headings of {MAX_HEADING} characters'
         got = f'{len(heading)} columns, the longest heading {longest[:40]!r}'
         raise RecordingError(source, f'{problem}, got {got}', 'shorten the first line')
-    if any(_NUMBER.match(plain(cell)) for cell in heading):
-        problem = 'expected a heading in the first line, got numbers'
-        raise RecordingError(source, problem, f'begin with a line such as {example}')
     if len(rows) < 2:
         raise RecordingError(source, 'there are no rows below the heading', 'give one row for each measurement')
     return Table(source, heading, tuple(rows[1:]), separator != ',')

@@ -36,8 +36,8 @@ GRAVITY = 9.81
 """m/s², along -z of the root."""
 MOST_TILT = 0.035
 """Axes farther from parallel are not those of a planar arm, rad: 2 degrees."""
-_EXACT, _SAID = 1e-9, 1e-4
-"""Axes nearer to parallel are called so, and those that are farther from it are said, rad."""
+_SAID = 1e-4
+"""Axes that are farther from parallel are said, rad."""
 _LEAST = 1e-4
 """A link of no length, m."""
 _LEVEL = 0.01
@@ -142,23 +142,20 @@ def robot_cell(
     """
     held = _held(robot, joints, tip, at)
     arm = planar_arm(robot, joints, tip, held)
-    parallel = 'parallel to rounding' if arm.tilt < _EXACT else f'{degrees(arm.tilt):.3g} degrees off parallel'
+    parallel = f'{degrees(arm.tilt):.3g} degrees off parallel'
     mounted = _mounting(robot, sensor or tip, joints, held, arm)
     moments = {name: getattr(arm.nominal, name) for name in MOMENTS}
     known = {name: float(f'{0.3 * moment:.3g}') for name, moment in moments.items() if moment}
     has_weight = bool(known)
-    idle = _idle(robot, joints[0], {*joints, *held}, [sensor or tip, *(robot.inertias if has_weight else ())])
     notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
     if not arm.nominal.has_gravity:
         tilt = degrees(np.hypot(arm.plane.x[2], arm.plane.y[2]))
         notes.append(f'gravity is across the plane{f" to {tilt:.1g} degrees" if tilt > 1e-9 else ""}: none in it')
     elif not has_weight:
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
-    if idle:
-        notes.append(f'joints off the way to {tip} are taken at 0: {" ".join(idle)}; --at JOINT=VALUE sets them')
     both = [(name, _limits(robot.joints[name]) or (-3.14, 3.14)) for name in joints]
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
-    assumed = ' '.join([*(name for name in held if name not in at), *idle])
+    assumed = ' '.join(name for name in held if name not in at)
     said = {'source': robot.where, 'assumed': assumed, 'root': robot.root, 'tip': tip, 'sensor': sensor or tip}
     limits = {name: np.clip(pair, -12.5, 12.5).tolist() for name, pair in both}
     trees = {'known': {'nominal': known}, 'names': list(joints), 'plane': plane, 'limits': limits, 'held': held}
@@ -213,14 +210,6 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
             problem = f'{name} at {value:g} is beyond its limits, {limits[0]:g} to {limits[1]:g}'
             raise robot.error(problem, f'state another position: --at {name}=VALUE')
     return held
-
-
-def _idle(robot: Robot, first: str, known: set[str], links: list[str]) -> list[str]:
-    """Joints between the first and some links that are neither known nor follow one that is."""
-    chains = [[joint for joint in robot.chain(link) if joint.type != 'fixed'] for link in links]
-    moved = [joint for chain in chains if first in [joint.name for joint in chain] for joint in chain]
-    names = dict.fromkeys(joint.mimic.joint if joint.mimic else joint.name for joint in moved)
-    return [name for name in names if name not in known]
 
 
 def _limits(joint: Any) -> tuple[float, float] | None:

@@ -48,15 +48,11 @@ class Robot:
         robot = self._parsed(text)
         self.joints: dict[str, Any] = {joint.name: joint for joint in robot.joints}
         self._links: dict[str, Any] = {link.name: link for link in robot.links}
-        for kind, named, every in (('joints', self.joints, robot.joints), ('links', self._links, robot.links)):
-            if len(named) < len(every):
-                raise self.error(f'two of its {kind} have one name', 'give each its own')
-        self._parents: dict[str, Any] = {}
-        for joint in robot.joints:
-            if joint.child in self._parents:
-                problem = f'{joint.child!r} hangs on two joints, {self._parents[joint.child].name} and {joint.name}'
-                raise self.error(f'{problem}: a loop', 'describe the arm as a tree')
-            self._parents[joint.child] = joint
+        self._parents: dict[str, Any] = {joint.child: joint for joint in robot.joints}
+        if len(self._parents) < len(robot.joints):
+            raise self.error('two of its joints have one child: a loop', 'describe the arm as a tree')
+        if len(self.joints) < len(robot.joints) or len(self._links) < len(robot.links):
+            raise self.error('two of its joints or links have one name', 'give each its own')
         links = dict.fromkeys((*self._links, *(joint.parent for joint in robot.joints)))
         roots = [name for name in links if name not in self._parents]
         if len(roots) != 1:
@@ -179,26 +175,20 @@ def _matrix(origin: Any) -> Floats:
 
 
 def read_robot(path: Path) -> Robot:
-    """The robot of a URDF file, or of a xacro, which the library of that name expands.
+    """The robot of a URDF file.
 
     Raises:
         InputError: the file cannot be read, or is none.
     """
-    return Robot(_expanded(path) if path.suffix == '.xacro' else read_bytes(path), str(path))
+    return Robot(read_bytes(path), str(path))
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a URDF file."""
+    """The content of a URDF file.
+
+    Raises:
+        InputError: it cannot be read, or is a xacro.
+    """
+    if path.suffix == '.xacro':
+        raise InputError(path, 'a xacro is a program', f'expand it: xacro {path} > robot.urdf')
     return read_file(path, InputError, MOST_BYTES, 'URDF')
-
-
-def _expanded(path: Path) -> bytes:
-    try:
-        import xacro
-    except ImportError as error:
-        remedy = f'install it (ros-jazzy-xacro, or pip install xacro), or run `xacro {path} > robot.urdf`'
-        raise InputError('xacro', f'is needed to expand {path}, and cannot be imported', remedy) from error
-    try:
-        return bytes(xacro.process_file(str(path)).toxml().encode())
-    except Exception as error:  # whatever the library raises
-        raise InputError(path, f'xacro cannot expand it: {error}', f'run `xacro {path}` with its arguments') from error

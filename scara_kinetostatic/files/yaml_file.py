@@ -79,18 +79,20 @@ _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_core_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_core_float)
 
 
-def read_text(path: str | Path, problem: _Problem) -> str:
-    """The text of a small file a user wrote.
+def read_text(path: str | Path, problem: _Problem, most: int = _MAX_BYTES, what: str = 'YAML') -> str:
+    """The text of a file, usually of a small one that a user wrote.
 
     Args:
         path: the file.
         problem: error class to raise.
+        most: largest size, bytes.
+        what: it is expected to hold, for messages.
 
     Raises:
-        problem: as `read_file`; larger than `_MAX_BYTES`, or not UTF-8.
+        problem: as `read_file`, or not UTF-8.
     """
     try:
-        return read_file(path, problem, _MAX_BYTES, 'YAML').decode('utf-8-sig')
+        return read_file(path, problem, most, what).decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise problem(path, f'not UTF-8 text (byte {error.start})', 'save it as UTF-8') from error
 
@@ -306,17 +308,13 @@ class Section:
         """The same; None where the key is missing."""
         return None if self.data.get(name) is None else self.number(name, within)
 
-    def vector(self, name: str, labels: Sequence[str], within: Within = ANY) -> tuple[float, ...]:
-        """A list of as many numbers as there are labels, which name them in messages: `[x, y]`."""
+    def vector(self, name: str, labels: Sequence[str], reader: Reader = ANY) -> tuple[Any, ...]:
+        """A list with as many entries, numbers unless told, as there are labels, which name them in messages."""
         values = self.data[name]
         if not isinstance(values, list) or len(values) != len(labels):
             raise self.error(name, f'expected [{", ".join(labels)}], got {shown(values)}')
-        entries = self.entries(name, dict(zip(labels, values, strict=True)))
-        return tuple(entries.number(label, within) for label in labels)
-
-    def entries(self, name: str, values: Mapping[str, Any]) -> Section:
-        """The entries of a list under a key as a section, by labels that name them in messages."""
-        return self._inside(self._path(name), values, (), values)
+        entries = self._inside(self._path(name), dict(zip(labels, values, strict=True)), (), labels)
+        return tuple(reader(entries, label) for label in labels)
 
     def flag(self, name: str) -> bool:
         """True or false."""

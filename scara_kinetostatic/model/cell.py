@@ -364,11 +364,6 @@ class EffectSizes(NamedTuple):
     arm: ArmClass = ArmClass.INDUSTRIAL
     stated: Mapping[str, float] = {}
 
-    @property
-    def in_use(self) -> bool:
-        """Whether there are any: without them the uncertainties are those of noise and of what is declared."""
-        return self.sizes is not SizeMode.NONE or any(self.stated.values())
-
 
 class Region(NamedTuple):
     """Where the uncertainty of the tip has to hold, base frame, m; by default wherever the arm reaches."""

@@ -35,10 +35,9 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from markupsafe import Markup
 
@@ -296,27 +295,11 @@ def sentence(text: str) -> str:
     return text if text.endswith('.') else f'{text}.'
 
 
-_UNIT = (
-    r'(?<=\d) (?=(?:mm|µm|m|N|Nm|rad|mrad|µrad|°|σ|%)[\s,;.:)<])'
-    r'|(?<=±) (?=\d)|(?<=\b[kp]) (?=(?:=|&lt;) )|(?<=[kp] =) (?=\d)|(?<=p &lt;) (?=\d)'
-)
-"""The blank between them, and those of ``± 2``, ``k = 2`` and ``p < 0.01``."""
-
-
 def as_page(report: Report) -> str:
     """The page, with all figures drawn."""
+    from scara_kinetostatic.files.urdf import render
     from scara_kinetostatic.report.figure import style
 
+    template = Path(__file__).with_name('report.html.j2')
     with style():
-        page = _template().render(report=report, version=__version__)
-    return re.sub(_UNIT, '\u00a0', page)  # a number and its unit stay on one line
-
-
-@cache
-def _template() -> Any:
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    environment.lstrip_blocks, environment.loader = True, jinja2.FileSystemLoader(Path(__file__).parent)
-    environment.filters |= {'sentence': sentence, 'kind': lambda block: type(block).__name__}
-    return environment.get_template('report.html.j2')
+        return render(template, report=report, version=__version__, as_sentence=sentence)

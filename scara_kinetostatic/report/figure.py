@@ -144,21 +144,14 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
 
 
 def draw_object(
-    axes: Axes,
-    item: Disc | Outline,
-    colour: str,
-    *,
-    filled: bool = False,
-    scale: float = 1.0,
-    width: float = 1.2,
-    order: float = 1.0,
+    axes: Axes, item: Disc | Outline, colour: str, *, filled: bool = False, width: float = 1.2, order: float = 1.0
 ) -> None:
-    """A disc, to the centre of the tip in contact, or an outline, its sides; `scale` is the unit of the axes per m."""
+    """A disc, to the centre of the tip in contact, or an outline, its sides; the axes are in m."""
 
     def patch(**look: Any) -> Patch:
         if isinstance(item, Disc):
-            return Circle((scale * item.x, scale * item.y), scale * item.radius, **look)
-        return Polygon(scale * item.shape(), closed=item.is_closed, **look)
+            return Circle((item.x, item.y), item.radius, **look)
+        return Polygon(item.shape(), closed=item.is_closed, **look)
 
     if filled and item.is_closed:
         axes.add_patch(patch(facecolor=colour, alpha=0.13, lw=0))

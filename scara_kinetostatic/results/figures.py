@@ -44,16 +44,21 @@ def cell_picture(c: Calibration) -> Markup:
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     height = _WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
     figure, (axes,) = draw.new_figure(_WIDTH, height, margins=draw.Margins())
-    for number, disc in enumerate(c.cell.discs):
-        draw.draw_object(axes, disc, draw.mark(number).colour, filled=True)
-        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=draw.INK)
-        text.set_parse_math(False)
+    _draw_discs(axes, c, filled=True)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
     draw.in_mm(axes)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return draw.as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
+
+
+def _draw_discs(axes: Axes, c: Calibration, *, filled: bool = False, order: float = 1.0) -> None:
+    """The discs with their names."""
+    for number, disc in enumerate(c.cell.discs):
+        draw.draw_object(axes, disc, draw.mark(number).colour, filled=filled, order=order)
+        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', size='small', color=draw.INK, zorder=5)
+        text.set(parse_math=False, clip_on=True)
 
 
 def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
@@ -174,7 +179,6 @@ def _side_by_side(x: Floats) -> Floats:
     return np.asarray(out)
 
 
-_MILLI = 1e3
 _FADED = 'Faded: extrapolated, the joint angles are not between those of the touches. Blank: the arm cannot be there.'
 
 
@@ -204,11 +208,11 @@ def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
     """
     p, touches, values, posture = c.parameters, c.touches.select(c.used), 1e6 * places.expanded, places.posture
     name, tolerance = 'left' if posture > 0 else 'right', c.cell.tolerance
-    grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
-    base, reach = np.array([p.x0, p.y0]) * _MILLI, NEARLY_STRETCHED * (p.l1 + p.l2) * _MILLI
-    away = np.hypot(grid[0] - base[0], grid[1][:, None] - base[1])
-    fields = (places.x, places.y), (grid[0] / _MILLI, grid[1] / _MILLI)
-    coarse, fine = (c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), posture)) for xy in fields)
+    coarse_grid = places.x, places.y
+    grid = [np.linspace(line[0], line[-1], 4 * len(line)) for line in coarse_grid]
+    reach, away = NEARLY_STRETCHED * (p.l1 + p.l2), np.hypot(grid[0] - p.x0, grid[1][:, None] - p.y0)
+    meshes = (np.stack(np.meshgrid(*lines), axis=-1) for lines in (coarse_grid, grid))
+    coarse, fine = (c.cell.can_take(inverse(p, mesh, posture)) for mesh in meshes)
     lost = np.kron(np.isnan(values) & coarse, np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
     shown = np.where((lost & (away < 0.9 * reach)) | ~fine, np.nan, _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
@@ -222,20 +226,13 @@ def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
         axes.clabel(lines, fontsize=10, colors=[draw.INK], inline=True, zorder=5, fmt=lambda value: f'{value:g}')
     touched = _smooth(places.touched.astype(float))
     axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(draw.PAPER, 0.62)], zorder=2)
-    beyond = Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=draw.PAPER, zorder=2.5)
-    axes.add_patch(beyond)
-    tip = forward(p, touches.joints) * _MILLI
-    for number, disc in enumerate(c.cell.discs):
-        look, chosen = draw.mark(number), (touches.disc == number) & (touches.posture == posture)
-        centre = (disc.x * _MILLI, disc.y * _MILLI)
-        draw.draw_object(axes, disc, look.colour, scale=_MILLI, width=1.3, order=3)
-        text = axes.text(
-            *centre, disc.name, ha='center', va='center', fontsize=9.5, color=draw.INK, zorder=5, clip_on=True
-        )
-        text.set_parse_math(False)
-        axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
-    axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=draw.PAPER, mec=draw.INK, mew=1.5, zorder=4)
+    axes.add_patch(Wedge((p.x0, p.y0), 4 * reach, 0, 360, width=3 * reach, color=draw.PAPER, zorder=2.5))
+    _draw_discs(axes, c, order=3)
+    chosen = touches.posture == posture
+    _draw_marks(axes, touches.disc[chosen], touches.posture[chosen], forward(p, touches.joints)[chosen], 3.2)
+    axes.plot(p.x0, p.y0, 'o', ms=8, mfc=draw.PAPER, mec=draw.INK, mew=1.5, zorder=4)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {name}, lines in µm')
+    draw.in_mm(axes)
     axes.set(xlim=(grid[0][0], grid[0][-1]), ylim=(grid[1][0], grid[1][-1]))
     axes.grid(visible=False)
     if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):

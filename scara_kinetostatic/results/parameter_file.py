@@ -12,11 +12,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.errors import ParameterError, one_line
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
@@ -26,33 +27,16 @@ NAME = 'calibration.yaml'
 EFFECTS, EFFECTS_STD = 'effects', 'effects_std'
 
 
-class EffectParameter(NamedTuple):
-    """One parameter of one effect.
-
-    Attributes:
-        path: name of the effect, target, name of the parameter; unique.
-        value: estimate.
-        std: standard deviation; NaN where the data do not determine it.
-    """
-
-    path: tuple[str, str, str]
-    value: float
-    std: float
-
-
-def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
-    """All parameters of the effects found, effect by effect."""
-    rows: list[EffectParameter] = []
+def effect_parameters(found: Sequence[Found]) -> dict[tuple[str, str, str], Value]:
+    """All parameters of the effects found: value by name of the effect, target and name, which are unique."""
+    values: dict[tuple[str, str, str], Value] = {}
     taken: set[tuple[str, str]] = set()
     for item in found:
         name, target = _word(item.effect.name), _word(item.effect.label.partition('[')[2][:-1] or 'all')
-        number, place = 1, (name, target)
-        while place in taken:
-            number += 1
-            place = (name, f'{target}_{number}')
-        taken.add(place)
-        rows += [EffectParameter((*place, _word(v.name)), v.value, v.std) for v in item.values]
-    return rows
+        places = ((name, f'{target}_{number}' if number > 1 else target) for number in count(1))
+        taken.add(place := next(place for place in places if place not in taken))
+        values |= {(*place, _word(value.name)): value for value in item.values}
+    return values
 
 
 def _word(text: str) -> str:
@@ -70,7 +54,7 @@ class StoredResult(NamedTuple):
 
     values: list[float]
     deviations: list[float]
-    facts: dict[str, Value]
+    facts: dict[str, Stated]
 
 
 def load_result(path: str | Path) -> StoredResult:
@@ -96,9 +80,9 @@ def load_result(path: str | Path) -> StoredResult:
         raise ParameterError(path, 'is no result of a calibration', remedy) from error
 
 
-def _stored_facts(group: Mapping[str, Any] | None) -> dict[str, Value]:
+def _stored_facts(group: Mapping[str, Any] | None) -> dict[str, Stated]:
     """The facts; a list that the file leaves out has no entries. None where the file has none of them."""
-    found: dict[str, Value] = {}
+    found: dict[str, Stated] = {}
     for name, fact in FACTS.items() if group is not None else ():
         value: Any = group
         for key in name.split('.'):
@@ -113,8 +97,9 @@ def parameter_text(outcome: Outcome) -> str:
     c, found = outcome.final, outcome.diagnosis.found
     named: dict[str, Any] = {f'calibrated.{name}': value for name, value in c.parameters.as_dict().items()}
     named |= {f'calibrated_std.{name}': c.std_of(name) for name in c.parameters.names}
-    named |= {'.'.join((EFFECTS, *item.path)): item.value for item in effect_parameters(found)}
-    named |= {'.'.join((EFFECTS_STD, *item.path)): item.std for item in effect_parameters(found)}
+    of_effects = effect_parameters(found)
+    named |= {'.'.join((EFFECTS, *path)): value.value for path, value in of_effects.items()}
+    named |= {'.'.join((EFFECTS_STD, *path)): value.std for path, value in of_effects.items()}
     named |= {f'{GROUP}.{name}': value for name, value in facts(outcome).items() if value != []}
     status = {'estimated': '', 'fixed': '; held at this value', 'confounded': '; these data do not determine it'}
     comments = [
@@ -137,7 +122,7 @@ def parameter_text(outcome: Outcome) -> str:
 
 
 GROUP = 'calibration'
-Value = str | int | float | list[str]
+Stated = str | int | float | list[str]
 """As ROS parameters have it."""
 
 
@@ -170,7 +155,7 @@ FACTS = {
 """By the part of the parameter's name after `calibration.`."""
 
 
-def facts(outcome: Outcome) -> dict[str, Value]:
+def facts(outcome: Outcome) -> dict[str, Stated]:
     """The values of a result by the names of `FACTS`."""
     d, compared = outcome.diagnosis, outcome.comparison
     values: dict[str, Any] = {

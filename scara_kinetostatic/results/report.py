@@ -10,7 +10,6 @@ import numpy as np
 
 from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.report import (
     Block,
@@ -49,10 +48,9 @@ def text_report(outcome: Outcome) -> str:
         Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis.found))),
         messages.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
+        ' '.join(messages.tip_sentences(outcome)),
+        messages.tip_budget(outcome, most=5),
     ]
-    sources = DeclaredErrors.of(c.cell) is not None or c.cell.uncertainty.effects.in_use
-    if sources or c.cell.tolerance is not None:
-        blocks += [' '.join(messages.tip_sentences(outcome)), messages.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)
         more = [f'and {len(lines) - MOST_REJECTED} more, see the report'] if len(lines) > MOST_REJECTED else []
@@ -108,19 +106,7 @@ def _warnings(outcome: Outcome) -> Items | None:
 def _head(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     """Date; what the cell description says of robot, cell, sensor and people; recordings with their checksums."""
     given = outcome.final.cell.identification.given()
-    serials = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
-    titles = {
-        'laboratory': 'Laboratory',
-        'location': 'Place',
-        'certificate': 'Certificate No.',
-        'sensor': 'Force sensor',
-    }
-    found = [('Date', _date(outcome.created))]
-    always = ('robot', 'cell', 'sensor', 'operator')
-    for name in (*always, *(name for name in given if name not in (*always, *serials.values()))):
-        serial = given.get(serials.get(name, ''), '')
-        text = ', '.join(filter(None, (given.get(name, ''), f'serial No. {serial}' if serial else '')))
-        found.append((titles.get(name, name.capitalize()), text or 'not stated'))
+    found = [('Date', _date(outcome.created)), *((name.capitalize().replace('_', ' '), given[name]) for name in given)]
     for item in outcome.recordings:
         start = '' if item.start is None else _date(item.start) if item.start.year > 2000 else 'simulated clock'
         found.append(('Recording', ', '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import re
-from contextlib import suppress
 from datetime import datetime, timezone
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,13 +58,13 @@ class WrittenFiles(NamedTuple):
 def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) -> WrittenFiles:
     """Write `calibration.yaml`, `calibration.json`, `report.html` and `residuals.csv` into a folder.
 
-    All files are written to a hidden folder inside first and then renamed. If anything fails, Ctrl-C included, the
-    folder is as before.
+    All files are written to a hidden folder inside first and then renamed. If that fails, by Ctrl-C for one, the folder
+    is as before.
 
     Args:
         outcome: the result.
-        folder: made if it is not there; files of an earlier result in it are kept under the date of that result,
-            `calibration_2026-11-21T14-03-22Z.json`.
+        folder: made if it is not there; files of an earlier result in it are kept under the date at which they were
+            written, `calibration_2026-11-21T14-03-22Z.json`.
         report: whether to draw the page, which takes several times as long as the calibration.
 
     Raises:
@@ -111,32 +109,11 @@ def dated_names(folder: Path) -> dict[str, str]:
     present = [folder / name for name in RESULTS if (folder / name).is_file()]
     if not present:
         return {}
-    date = _date(folder).replace(':', '-')
-    number, ending = 1, date
-    while any((folder / _dated(path, ending)).exists() for path in present):
-        number += 1
-        ending = f'{date}_{number}'
-    return {path.name: _dated(path, ending) for path in present}
-
-
-def _dated(path: Path, ending: str) -> str:
-    return f'{path.stem}_{ending}{path.suffix}'
-
-
-def _date(folder: Path) -> str:
-    """When the result in a folder was calculated: what its document says, else when its last file was written.
-
-    Raises:
-        OSError: a file cannot be read.
-    """
-    document = folder / calibration_json.NAME
-    if document.is_file() and document.stat().st_size < 1 << 28:  # a larger one is not searched
-        with suppress(AttributeError, ValueError, RecursionError):
-            created = json.loads(document.read_text(encoding='utf-8')).get('created')
-            if isinstance(created, str) and re.fullmatch(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ', created):
-                return created
-    times = [(folder / name).stat().st_mtime for name in RESULTS if (folder / name).is_file()]
-    return utc(datetime.fromtimestamp(max(times), timezone.utc))
+    newest = datetime.fromtimestamp(max(path.stat().st_mtime for path in present), timezone.utc)
+    date = utc(newest).replace(':', '-')
+    endings = chain([date], (f'{date}_{number}' for number in count(2)))
+    tried = ({path.name: f'{path.stem}_{ending}{path.suffix}' for path in present} for ending in endings)
+    return next(names for names in tried if not any((folder / name).exists() for name in names.values()))
 
 
 def residual_table(outcome: Outcome) -> str:

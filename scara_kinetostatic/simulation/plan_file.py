@@ -162,8 +162,8 @@ def _outline(entry: Section, cell: Cell) -> Outline | Ellipse:
             raise shape.error('outline', f'expected a list of corners [x, y], got {shown(corners)}')
         if not isinstance(closed, bool):
             raise shape.error('closed', f'expected true or false, got {shown(closed)}')
-        points = shape.entries('outline', {str(number): corner for number, corner in enumerate(corners)})
-        return polygon([_pair(points, name) for name in points.data], shape.optional('corner_radius') or 0.0, closed)
+        points = shape.vector('outline', list(map(str, range(len(corners)))), _pair)
+        return polygon(points, shape.optional('corner_radius') or 0.0, closed)
     center = _pair(shape, 'center')
     if form == 'radius':
         return circle(center, shape.number('radius'))

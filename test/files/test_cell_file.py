@@ -65,6 +65,7 @@ STATED = PLAIN.replace(
     """  limits: {joint1: [-2.6, 2.5], joint2: [-2.4, 2.3]}
   lift: {joint: joint3, up: 0.02, down: 0.0}
   hold: {joint4: 0.5}
+  coupling: 0.25
 objects:""",
 )
 STATED += """
@@ -81,6 +82,7 @@ tip: {radius: 0.005}
 gravity: [0.0, 0.0]
 obstacles: [{outline: [[0.3, 0.1], [0.5, 0.1], [0.5, 0.3]]}]
 touch: {force: [20, 50], max_force: 80, contact_speed: 0.005}
+identification: {robot: TS60, serial_number: "0047", operator: Ä. Sato}
 """
 """The paper's cell with what it leaves out: how well it is known, and how the robot may move."""
 
@@ -103,18 +105,14 @@ def test_numbers_as_people_write_them() -> None:
     assert parse_cell(text).nominal == PAPER_NOMINAL
 
 
-def test_relative_topics_stay_relative() -> None:
-    sensor = parse_cell(changed('/wrench ', 'ft/wrench ')).sensor
-    assert sensor.wrench == 'ft/wrench'
-    assert sensor.topics == ('/joint_states', '/ft/wrench')
-
-
 def test_dump_is_read_by_any_yaml_reader() -> None:
     data = yaml.safe_load(dump_cell(Cell(PAPER_MEASURED, PAPER_DISCS)))
     assert data['robot']['nominal'] == PAPER_MEASURED.as_dict()
     assert data['objects'][0] == {'name': 'disc_1', 'center': [-0.25, 0.3], 'radius': 0.15}
 
 
+SENSOR = Sensor('joint_states', 'arm/wrench', zero_service='/ft/zero')
+LEVELS = st.floats(1e-9, 1e-3) | st.sampled_from([(1e-5, 2e-5), (1e-5, 1e-5)])
 small = st.floats(0, 1e-3)
 names = st.text(
     st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 'Cn', 'Cf', 'Co'], exclude_characters='=+-@'),
@@ -130,23 +128,13 @@ names = st.text(
     joint_names=st.lists(names, min_size=2, max_size=2, unique=True).map(tuple),
     disc_name=names,
     sensor=st.builds(
-        Sensor,
-        st.sampled_from(['/joint_states', 'joint_states', 'arm/joint_states']),
-        st.just('/ft/wrench'),
-        st.sampled_from(SensorFrame),
-        st.sampled_from(SensorSign),
-        st.none() | st.floats(-4e9, 4e9),
+        SENSOR._replace,
+        frame=st.sampled_from(SensorFrame),
+        sign=st.sampled_from(SensorSign),
+        time_offset=st.none() | st.floats(-4e9, 4e9),
         rotation=st.floats(-6, 6),
-        axes=st.none(),
-        zero_service=st.sampled_from(['', '/ft/zero']),
     ),
-    noise=st.none()
-    | st.builds(
-        Noise,
-        st.floats(1e-9, 1e-3) | st.just((1e-5, 2e-5)),
-        st.floats(1e-6, 10) | st.just((0.3, 0.1)) | st.just((0.3, 0.3)),
-        st.none() | st.floats(0, 0.2),
-    ),
+    noise=st.none() | st.builds(Noise, LEVELS, LEVELS, st.none() | st.floats(0, 0.2)),
     gripper=st.sampled_from(GripperSign),
 )
 def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper) -> None:  # type: ignore[no-untyped-def]
@@ -155,43 +143,33 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper) -> 
 
 
 STATED_WRONG = [
-    ('plate: a', 'plate: b', "objects[0].plate: no plate is named 'b'; the plates are a"),
-    ('center: 1.5e-5', 'centre: 1.5e-5', "objects[0].uncertainty: unknown key 'centre'"),
+    ('plate: a', 'plate: b', "disc_1: plate: no plate 'b' in the cell; add it to plates"),
     ('center: 1.0e-3', 'center: 0.03', 'plates[0].uncertainty.center: expected 0 to 0.02 m, got 0.03'),
     ('radius: 5.0e-6}', 'radius: 5.0}', 'expected 0 to 0.002 m, got 5; it is in m: 1.5e-5 for 15 µm'),
-    ('  radius: 5.0e-6', '  radius: 0.005', 'uncertainty.radius: expected 0 to 0.002 m, got 0.005'),
     ('force_gain: 0.005', 'force_gain: 0.5', 'expected 0 to 0.2, got 0.5; it is a part of 1: 0.005 for 0.5 %'),
     ('tip: 5.0e-5', 'tip: 50', 'tip: expected above 0, at most 0.005 m, got 50; give it in m: 5.0e-5 for 50'),
     ('l2: 1.0e-3}', 'l2: 0}', 'uncertainty.nominal.l2: expected a number above 0'),
-    ('l2: 1.0e-3}', 'l3: 1.0e-3}', "uncertainty.nominal: unknown key 'l3'"),
     ('x: [-0.35, 0.35]', 'x: [0.35, -0.35]', 'region.x: expected the lower limit first, got [0.35, -0.35]'),
-    (', y: [0.20, 0.55]', '', "region: the key 'y' is missing"),
-    ('gravity: [0.0, 0.0]', 'gravity: [0.0, -98.1]', 'gravity: expected at most 25 m/s²'),
+    ('gravity: [0.0, 0.0]', 'gravity: [0.0, -98.1]', 'gravity: expected at most 25 m/s² in size'),
     ('[-2.6, 2.5]', '[-150, 2.5]', 'robot.limits.joint1.lower limit: expected -12.6 to 12.6 rad, got -150'),
-    ('-2.4, 2.3', '2.3, -2.4', 'robot.limits.joint2: expected the lower limit first'),
-    ('joint2: [-2.4', 'elbow: [-2.4', "robot.limits: unknown key 'elbow'"),
     ('up: 0.02', 'up: 0.0', 'robot.lift.up: up and down are both 0: it does not lift'),
-    ('joint: joint3', 'joint: joint1', "robot.lift.joint: 'joint1' is one of joint_names"),
-    ('joint4', 'joint3', 'robot.hold.joint3: it is a joint of the plane or the lift'),
+    ('joint: joint3', 'joint: joint1', "robot: 'joint1' is named twice"),
+    ('joint4', 'joint3', "robot: 'joint3' is named twice"),
     ('{joint4: 0.5}', '[joint4]', 'robot.hold: expected a mapping'),
     ('joint4', '"a\\nb"', 'robot.hold: expected names of joints'),
     ('[0.3, 0.1], ', '', 'obstacles[0].outline: expected 3 to 50 corners'),
     ('[0.3, 0.1]', '[0.3]', 'obstacles[0].outline.corner 0: expected [x, y], got [0.3]'),
-    ('[0.3, 0.1]', 'null', 'obstacles[0].outline.corner 0: expected [x, y], got None'),
     ('max_force: 80', 'max_force: 50', 'touch.max_force: expected more than the largest force of 50 N'),
     ('[20, 50]', '[50, 20]', 'touch.force: expected the smallest force first'),
     ('contact_speed: 0.005', 'contact_speed: 0.5', 'touch.contact_speed: expected above 0, at most 0.05 m/s, got 0.5'),
 ]
 SIZES_WRONG = [
     ('large', "uncertainty.effects: expected estimated or typical or none, got 'large'"),
-    ('{sizes: none, arm: desktop}', 'uncertainty.effects.arm: has no meaning with sizes: none'),
-    ('no', 'uncertainty.effects: expected estimated or typical or none'),
     ('', 'uncertainty.effects: expected a string, got None'),
     ('{shift: 1.0e-5}', 'uncertainty.effects.shift: is a size in several units'),
     ('{sizes: typical, arm: wooden}', 'effects.arm: expected industrial or desktop or printed, got '),
     ('{base_complience: 1e-7}', "effects: unknown key 'base_complience'; did you mean 'base_compliance'?"),
     ('{base_compliance: -1.0e-7}', 'uncertainty.effects.base_compliance: expected 0 to 1e-05, got -1e-07'),
-    ('{base_compliance: 1.0}', 'uncertainty.effects.base_compliance: expected 0 to 1e-05, got 1'),
 ]
 SIZES = {
     'none': EffectSizes(SizeMode.NONE),
@@ -212,13 +190,10 @@ def with_sizes(text: str) -> str:
     ('text', 'expected'),
     [
         ('', 'expected a mapping with robot, objects'),
-        ('[]', 'expected a mapping'),
         (changed('objects:', 'objetcs:'), "unknown key 'objetcs'; did you mean 'objects'?"),
-        (changed('sign: on_object', 'singn: on_object'), "sensor: unknown key 'singn'; did you mean 'sign'?"),
         (changed('radius: 0.15', 'radius: 0.15, diameter: 1'), "objects[0]: unknown key 'diameter'"),
         (changed('l1: 0.33, ', ''), "robot.nominal: the key 'l1' is missing"),
         (changed('l1: 0.33, ', '').replace('l2: 0.33,', ''), "robot.nominal: the keys 'l1', 'l2' are missing"),
-        (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
         (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
         (changed('  sign: on', '  time_offset: 5.0e+9\n  sign: on'), 'time_offset: expected -4e+09 to 4e+09 s'),
         (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
@@ -228,7 +203,6 @@ def with_sizes(text: str) -> str:
         (changed('radius: 0.15', 'radius: 150'), 'lengths are in m, not mm'),
         (changed('theta1: 0.0', 'theta1: 90'), 'angles are in rad, not degrees'),
         (changed('[-0.25, 0.30]', '[-0.25]'), 'objects[0].center: expected [x, y]'),
-        (changed('[-0.25, 0.30]', '[-.inf, 0.30]'), 'objects[0].center.x: expected a finite number'),
         (changed('name: disc_2', 'name: disc_1'), "another disc is named 'disc_1'"),
         (changed('name: disc_2', 'name: 2'), 'objects[1].name: expected a string'),
         (changed('name: disc_2', 'name: " "'), 'objects[1].name: expected a name'),
@@ -237,34 +211,26 @@ def with_sizes(text: str) -> str:
         (changed('joint: 1.0e-5', 'joint: 0'), 'noise.joint: expected 1e-15 to 0.01 rad, got 0'),
         (changed('joint: 1.0e-5', 'joint: [1.0e-5]'), 'noise.joint: expected [joint 1, joint 2], got [1e-05]'),
         (changed('force: 0.3', 'force: [0.3, 0]'), 'noise.force.y: expected 1e-12 to 100 N, got 0'),
-        (changed('force: 0.3', 'force: 0.3, force_relative: 1'), 'noise.force_relative: expected 0 to 0.2, got 1'),
-        (changed(', force: 0.3}', '}'), 'noise: force is missing; joint and force are given together'),
-        (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
+        (changed(', force: 0.3}', '}'), "noise: the key 'force' is missing; add it"),
         (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap by 0.0882 m"),
         (changed('[0.20, 0.40]', '[0.70, 0.40]'), "object 'disc_2' is out of reach"),
         (changed('[0.20, 0.40]', '[0.01, 0.01]'), "object 'disc_2' covers the base"),
-        (changed('[joint1, joint2]', '[joint1, joint1]'), "both joints are named 'joint1'"),
-        (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected the two names'),
+        (changed('[joint1, joint2]', '[joint1, joint1]'), "robot: 'joint1' is named twice; joint_names, lift and hold"),
+        (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected [q1, q2], got'),
         (changed('joint2]', 'joint2]\n  coupling: belt'), "robot.coupling: expected a number, got 'belt'"),
         (changed('joint2]', 'joint2]\n  coupling: 4.75'), 'robot.coupling: expected -2 to 2, got 4.75; it is a'),
         (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names.q1: expected a string, got 1'),
         (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
-        (changed('/wrench ', '/my wrench '), "'/my wrench' is not a topic name"),
-        (changed('/wrench ', '""'), 'sensor.wrench: expected a name'),
-        (changed('/wrench ', '/cell_description '), 'carries the cell description'),
+        (changed('/wrench ', '/my wrench '), "a name other than /cell_description, got '/my wrench'"),
+        (changed('/wrench ', 'cell_description '), "a name other than /cell_description, got 'cell_"),
         (changed('frame: base', 'frame: world'), "sensor.frame: expected base or tool, got 'world'"),
-        (changed('sign: on_object', 'sign: 1'), 'sensor.sign: expected a string'),
-        (changed('physical', 'magic'), "model.gripper_sign: expected physical or paper, got 'magic'"),
         ('robot: {}\nobjects: []', "robot: the key 'nominal' is missing"),
         (CONTRACT.partition('objects:')[0] + 'objects: []', 'objects: expected a list of discs'),
-        (CONTRACT.partition('objects:')[0] + 'objects: {a: 1}', 'objects: expected a list of discs'),
         (CONTRACT.partition('objects:')[0] + 'objects: [3]', 'objects[0]: expected a mapping'),
         (CONTRACT + 'noise: {joint: 1, force: 1}', "line 17: the key 'noise' is given twice"),
         ('a: [', 'not valid YAML: line 1'),
         ('a: 1\0', 'not valid YAML'),
-        ('---\n1\n---\n2', 'not valid YAML'),
         ('a: &x 1', 'anchors and aliases are not allowed'),
-        ('a: *x', 'anchors and aliases are not allowed'),
         ('!!python/object/apply:os.system [ls]', 'is not allowed'),
         ('? [a, b]\n: 1', 'a key must be a word'),
         ('[' * 5_000, 'nested deeper than 32'),
@@ -273,8 +239,6 @@ def with_sizes(text: str) -> str:
             DISC_3, ''), "'disc_2' is out of reach, 0.1941 to 0.2941 m from the base; the tip reaches 0.4 to 0.8 m"),
         (PLAIN + 'identification: {serial_number: 0047}',
          'identification.serial_number: expected a string, got 47; put it in quotes'),
-        (PLAIN + 'identification: {serial: "0047"}', "unknown key 'serial'; did you mean 'serial_number'"),
-        (changed('/wrench ', 'joint_states '), 'both topics are named joint_states'),
         *((PLAIN.replace(old, f"'{name}'"), 'is a formula to spreadsheets; begin it with a letter')
           for old in ('disc_1', 'joint1') for name in ('=HYPERLINK("http://x")', '+1', '-1', '@a')),
         *((STATED.replace(old, new), message) for old, new, message in STATED_WRONG),
@@ -316,35 +280,6 @@ def test_files_that_cannot_be_read(tmp_path: Path, make, expected: str) -> None:
     assert any(part in str(caught.value) for part in expected.split('|'))
 
 
-def test_a_path_that_cannot_be_one() -> None:
-    with pytest.raises(CellError):
-        load_cell('a\0b')
-
-
-def test_a_coupling_of_the_joints_is_read_written_and_compared() -> None:
-    cell = parse_cell(changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
-    assert cell.coupling == 0.25
-    assert parse_cell(dump_cell(cell)) == cell
-    assert different_parts(cell, parse_cell(CONTRACT)) == ['robot']
-    assert stored_cell(cell_entry(cell), 'x') == cell
-    readings = np.array([[1.0, 2.0], [-0.4, 0.1]])
-    np.testing.assert_allclose(cell.angles(readings), [[1.0, 1.75], [-0.4, 0.2]], rtol=1e-15)
-    np.testing.assert_allclose(cell.readings(cell.angles(readings)), readings, rtol=1e-15)
-    np.testing.assert_array_equal(cell.angles(readings[0]), [1.0, 1.75])
-
-
-def test_identification_is_read_written_and_compared() -> None:
-    text = 'identification: {robot: TS60, serial_number: "0047", operator: Ä. Sato}\n'
-    cell = parse_cell(dump_cell(PAPER_CELL) + text)
-    assert cell.identification == Identification(robot='TS60', serial_number='0047', operator='Ä. Sato')
-    assert parse_cell(dump_cell(cell)) == cell
-    assert different_parts(cell, PAPER_CELL) == []
-    other = replace(cell, identification=cell.identification._replace(operator='B'))
-    assert different_parts(cell, other) == []
-    other = replace(cell, identification=cell.identification._replace(serial_number='0048'))
-    assert different_parts(cell, other) == ['identification']
-
-
 def test_what_is_stated_is_read_written_and_stored() -> None:
     cell = parse_cell(STATED)
     assert cell.discs[0] == Disc('disc_1', -0.25, 0.3, 0.15, center_std=1.5e-5, radius_std=5e-6, plate='a')
@@ -358,7 +293,14 @@ def test_what_is_stated_is_read_written_and_stored() -> None:
     assert (cell.lift, cell.hold) == (Lift('joint3', 0.02, 0.0), {'joint4': 0.5})
     assert cell.obstacles == (((0.3, 0.1), (0.5, 0.1), (0.5, 0.3)),)
     assert cell.touch == TouchMotion((20.0, 50.0), 80.0, contact_speed=0.005)
-    assert different_parts(cell, PAPER_CELL) == ['disc_1', 'plates', 'uncertainty', 'tolerance', 'region']
+    assert cell.coupling == 0.25
+    assert cell.identification == Identification(robot='TS60', serial_number='0047', operator='Ä. Sato')
+    parts = ['robot', 'disc_1', 'plates', 'uncertainty', 'tolerance', 'region']
+    assert different_parts(cell, PAPER_CELL) == parts
+    other = replace(cell, identification=cell.identification._replace(operator='B'))
+    assert different_parts(cell, other) == []
+    other = replace(cell, identification=cell.identification._replace(serial_number='0048'))
+    assert different_parts(cell, other) == ['identification']
     assert parse_cell(dump_cell(cell)) == stored_cell(cell_entry(cell), 'file') == cell
     assert (parse_cell(PLAIN), dump_cell(parse_cell(PLAIN))) == (PAPER_CELL, PLAIN)
     assert (PAPER_CELL.limits, PAPER_CELL.lift, PAPER_CELL.obstacles) == (None, None, ())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmark.common import dump_touch_table
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
 from scara_kinetostatic.files.touch_table import EXAMPLE, _touches, is_touch_table, load_touch_table
@@ -19,14 +18,9 @@ def parse(*lines: str):
 
 
 def test_the_four_columns():
-    table = parse(HEADING, ROW, '1,2,3,4')
-    np.testing.assert_array_equal(table.joints, [[0.5, 1.5], [1, 2]])
-    np.testing.assert_array_equal(table.force, [[-10, 0.25], [3, 4]])
-    assert table.objects == ('', '')
-    assert not table.time.any()
-    assert not table.approach.any()
-    assert table.lines == (2, 3)
-    assert table.notes == ()
+    table = parse(HEADING, ROW)
+    assert (table.objects, table.time.tolist(), table.approach.tolist()) == (('',), [0.0], [[0.0, 0.0]])
+    assert (table.lines, table.notes) == ((2,), ())
 
 
 def test_all_columns_in_any_order_with_comments_empty_lines_and_empty_cells():
@@ -45,14 +39,16 @@ def test_all_columns_in_any_order_with_comments_empty_lines_and_empty_cells():
     np.testing.assert_array_equal(table.approach, [[2e-3, -1e-3], [0, 0]])
     assert table.objects == ('disc_1', '')
     assert table.lines == (4, 5)
-    assert table.notes == ("the column 'operator' is unknown and not used",)
+    assert table.notes == ("columns that are unknown and not used: 'operator'",)
 
 
 def test_a_word_more_makes_another_column_and_another_unit_is_refused():
     table = parse(HEADING + ',fx_calibrated_N', ROW + ',1')
     np.testing.assert_array_equal(table.force, [[-10, 0.25]])
-    assert table.notes == ("the column 'fx_calibrated_N' is unknown and not used",)
-    with pytest.raises(RecordingError, match="the column 'time_ns' has the unit 'ns'; convert it to one of time_s"):
+    assert table.notes == ("columns that are unknown and not used: 'fx_calibrated_N'",)
+    with pytest.raises(
+        RecordingError, match="the column 'time_ns' has none of the units of time; convert it to time_s or time_ms"
+    ):
         parse(HEADING + ',time_ns', ROW + ',1')
 
 
@@ -94,33 +90,23 @@ def test_times_and_last_movements_are_converted_too():
     ('lines', 'message'),
     [
         ([], 'the file is empty; begin with a line such as q1_rad,q2_rad,fx_N,fy_N'),
-        (['', '# nothing', ' , '], 'the file is empty'),
         ([HEADING], 'there are no rows below the heading'),
-        ([HEADING, ',,,'], 'there are no rows below the heading'),
-        ([ROW, ROW], 'expected a heading in the first line, got numbers'),
+        ([ROW, ROW], "there is no column 'q1_rad', got 0.5, 1.5, -10, 0.25; name them q1_rad,q2_rad,fx_N,fy_N"),
         (['q1_rad,q2_rad,fx_N', '1,2,3'], "there is no column 'fy_N', got q1_rad, q2_rad, fx_N; name them q1_rad,"),
-        (['a,b', '1,2'], "there is no column 'q1_rad', got a, b"),
-        (['q1_mm,q2_deg,fx_N,fy_N', ROW], "the column 'q1_mm' has the unit 'mm'; convert it to one of q1_rad"),
-        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has no unit; call it one of q1_rad, q1_mrad, q1_urad, q1_deg"),
-        (['q1_rad,q2_rad,fx_MN,fy_N', ROW], "the column 'fx_MN' has the unit 'MN'; convert it to one of fx_N, fx_kN,"),
-        ([HEADING + ',time_rad', ROW + ',1'], "the column 'time_rad' has the unit 'rad'; convert it to one of time_s,"),
-        ([HEADING + ',approach1_mm', ROW + ',1'], "the column 'approach1_mm' has the unit 'mm'; convert it to one of"),
+        (['q1_mm,q2_deg,fx_N,fy_N', ROW], "the column 'q1_mm' has none of the units of q1; convert it to q1_rad or"),
+        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has none of the units of q1; convert it to q1_rad or q1_mrad or"),
+        ([HEADING + ',approach1_mm', ROW + ',1'], "the column 'approach1_mm' has none of the units of approach1"),
         ([HEADING + ',q1_deg', ROW + ',1'], "two columns of q1_rad, 'q1_rad' and 'q1_deg'; leave one out"),
-        ([HEADING + ',q1_rad', ROW + ',1'], "two columns of q1_rad, 'q1_rad' and 'q1_rad'; leave one out"),
         ([HEADING + ',object,Object', ROW + ',a,b'], "two columns of object, 'object' and 'Object'"),
         ([HEADING + ',approach1', ROW + ',1'], 'there is one of approach1 and approach2; give both, or none'),
         ([HEADING, ROW, '1,2,x,4'], "line 3: fx_N: expected a number, got 'x'"),
-        ([HEADING, '1,2,,4'], 'line 2: fx_N: expected a number, got nothing'),
         ([HEADING + ',object', ',,,,a'], 'no row has a number in q1_rad,q2_rad,fx_N,fy_N'),
-        (['q1_N,q2_rad,fx_N,fy_N', ROW], "the column 'q1_N' has the unit 'N'; convert it to one of q1_rad"),
         ([HEADING, '1,2,3'], 'line 2: fy_N: expected a number, got nothing'),
         ([HEADING, 'nan,2,3,4'], "line 2: q1_rad: expected a number, got 'nan'"),
-        ([HEADING, '1,inf,3,4'], "line 2: q2_rad: expected a number, got 'inf'"),
         ([HEADING, '1,1e400,3,4'], 'line 2: q2_rad: 1e400 is too large to be plausible'),
         ([HEADING, '1,2,3,4,5'], 'line 2: expected 4 columns, got 5 (a decimal comma needs semicolons'),
         ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is too large to be plausible; name it q2_deg'),
         (['q1 (deg),q2_rad,fx_N,fy_N', '2e3,1,3,4'], 'line 2: q1 (deg): 2e3 is too large to be plausible; check'),
-        ([HEADING, '1,2,1e9,4'], 'line 2: fx_N: 1e9 is too large to be plausible; check the unit'),
         ([HEADING, 'a,2,3,4', ROW, 'b,1,1,1', '1,1,1,c'], "line 2: q1_rad: expected a number, got 'a'; wrong row"),
         ([HEADING + ',time_s', ROW + ',1', ROW + ','], 'time_s: some cells are empty; give the time of every touch'),
         ([HEADING + ',object', ROW + ',"disc'], 'line 2: not CSV'),
@@ -146,8 +132,6 @@ def test_files_that_are_no_csv(tmp_path, data, message):
     path.write_bytes(data)
     with pytest.raises(RecordingError, match=message):
         load_touch_table(path)
-    with pytest.raises(RecordingError, match='there is no such file'):
-        load_touch_table(tmp_path / 'none.csv')
 
 
 def test_a_table_is_known_by_its_suffix(tmp_path):
@@ -156,17 +140,3 @@ def test_a_table_is_known_by_its_suffix(tmp_path):
     assert not is_touch_table('b.mcap')
     (tmp_path / 'recording.csv').mkdir()
     assert not is_touch_table(tmp_path / 'recording.csv')
-
-
-def test_what_is_written_is_read_back_to_the_last_bit():
-    random = np.random.default_rng(1)
-    first = parse(HEADING, *[','.join(map(repr, row)) for row in random.standard_normal((20, 4)).tolist()])
-    full = first._replace(
-        objects=('disc_1', 'a "large", round one', '') + ('disc; 2',) * 17,
-        time=np.linspace(0, 7, 20),
-        approach=random.standard_normal((20, 2)),
-    )
-    for table in (first, full):
-        back = parse(dump_touch_table(table))
-        for ours, theirs in zip(table, back, strict=True):
-            np.testing.assert_array_equal(ours, theirs)

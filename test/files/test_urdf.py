@@ -1,10 +1,9 @@
-"""The URDF of an arm, and a user's URDF with corrected origins: the tip is that of the arm, all else stays."""
+"""A user's URDF with corrected origins: the tip is that of the arm, all else stays."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,12 +13,10 @@ from files.test_robot_cell import cell_of, described
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.export import exported_into
-from scara_kinetostatic.files.urdf import TOOL_FRAME, arm_urdf
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import PAPER_CELL, Plane
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 
 
 def calibrated(text: str, name: str = 'scara', l2: float = -1.5e-3) -> CalibratedArm:
@@ -102,45 +99,3 @@ def test_parameters_of_an_arm_that_is_not_changed_change_nothing(tmp_path: Path)
     arm = nominal_arm(cell_of(described(SCARA)[0]))
     text, _ = into(arm, SCARA.encode(), tmp_path / 'robot.urdf')
     assert text[text.index('<robot') :] == SCARA[SCARA.index('<robot') :]
-
-
-JOINTS = ('shoulder', 'elbow & more')
-CELL = replace(PAPER_CELL, joint_names=JOINTS)
-
-
-@pytest.mark.parametrize(
-    ('seed', 'coupling', 'direction'), [(0, 0.0, (1, 1)), (1, 0.0, (-1, 1)), (3, 16 / 76, (-1, -1)), (4, -1.0, (1, -1))]
-)
-def test_the_tip_is_that_of_the_rigid_arm(seed: int, coupling: float, direction: tuple[int, int]) -> None:
-    cell, random = replace(CELL, coupling=coupling, direction=direction), np.random.default_rng(seed)
-    parameters = PAPER_ACTUAL.replace(theta1=random.uniform(-3, 3), theta2=random.uniform(-3, 3), l2=0.1 + seed)
-    robot = Tree(arm_urdf('arm', cell, parameters))
-    for q in random.uniform(-np.pi, np.pi, (20, 2)):
-        angles = dict(zip(JOINTS, cell.readings(q).tolist(), strict=True))
-        axes, at = robot.frame(TOOL_FRAME, angles)
-        np.testing.assert_allclose(at, [*forward(parameters, q), 0], rtol=0, atol=1e-12)
-        along = q.sum() + parameters.theta1 + parameters.theta2
-        np.testing.assert_allclose(axes[:2, 0], [np.cos(along), np.sin(along)], rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize('coupling', [0.0, 0.2])
-def test_it_is_one_tree_with_names_of_its_own(coupling: float) -> None:
-    robot = ElementTree.fromstring(arm_urdf('arm', replace(CELL, coupling=coupling), PAPER_ACTUAL))
-    links = [link.attrib['name'] for link in robot.iterfind('link')]
-    joints = [joint.attrib['name'] for joint in robot.iterfind('joint')]
-    children = [joint.attrib['link'] for joint in robot.iterfind('joint/child')]
-    assert len({*links}) == len(links) and len({*joints}) == len(joints)
-    assert sorted([*children, 'base_link']) == sorted(links)
-    assert [name for name in joints if name in JOINTS] == list(JOINTS)
-
-
-def test_without_a_coupling_no_joint_mimics_another() -> None:
-    assert 'mimic' not in arm_urdf('arm', CELL, PAPER_NOMINAL)
-
-
-def test_the_arm_stands_in_its_plane() -> None:
-    plane = Plane('world', (0.1, 0.2, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    text = arm_urdf('arm', replace(CELL, plane=plane, direction=(1, -1)), PAPER_ACTUAL)
-    expected = plane.in_robot(forward(PAPER_ACTUAL, [0.4, 0.9]))
-    tip = Tree(text).frame(TOOL_FRAME, {JOINTS[0]: 0.4, JOINTS[1]: -0.9})[1]
-    np.testing.assert_allclose(tip, expected, rtol=0, atol=1e-12)

@@ -54,9 +54,6 @@ def test_what_is_intact_is_read_without_a_word(tmp_path, monkeypatch):
 
 
 def test_the_judge_sees_what_it_looks_for(tmp_path, monkeypatch):
-    def crash() -> tuple[float, str]:
-        raise KeyError('robot')
-
     def hang() -> tuple[float, str]:
         try:
             time.sleep(10)
@@ -64,17 +61,17 @@ def test_the_judge_sees_what_it_looks_for(tmp_path, monkeypatch):
             return 0.0, 'a warning'
         return 0.0, ''
 
-    def refuse() -> tuple[float, str]:
-        raise CellError('cell.yaml', 'no number')
+    def fail(error: Exception) -> tuple[float, str]:
+        raise error
 
     def execute() -> tuple[float, str]:
         (tmp_path / CANARY).mkdir()
-        raise CellError('cell.yaml', 'no number')
+        return 0.0, ''
 
     monkeypatch.setattr(outcomes, 'LONGEST', 0.1)
     expected = {
-        refuse: Verdict.REFUSED,
-        crash: Verdict.CRASHED,
+        lambda: fail(CellError('cell.yaml', 'no number')): Verdict.REFUSED,
+        lambda: fail(KeyError('robot')): Verdict.CRASHED,
         hang: Verdict.SLOW,
         lambda: (0.0, ''): Verdict.SAME,
         lambda: (0.3, ''): Verdict.SILENT,

@@ -57,9 +57,9 @@ def test_torques_of_gravity_are_the_slope_of_the_height_of_the_centres() -> None
 @pytest.mark.parametrize(
     ('part', 'line', 'words'),
     [
-        ('robot', 'direction: [1, 2]', r'.direction: expected two of 1 and -1, got \[1, 2\]; write \[1, -1\]'),
-        ('robot', 'direction: [true, 1]', r'.direction: expected two of 1 and -1, got \[True, 1\]'),
-        ('robot', 'direction: -1', '.direction: expected two of 1 and -1, got -1'),
+        ('robot', 'direction: [1, 2]', '.direction.joint 2: expected 1 or -1, got 2'),
+        ('robot', 'direction: [true, 1]', '.direction.joint 1: expected a number, got True'),
+        ('robot', 'direction: -1', r'.direction: expected \[joint 1, joint 2\], got -1'),
         ('robot', 'plane: {frame: b, origin: [0, 0, 0], x: [1, 0, 0], y: [0, 2, 0]}', 'length 1, got 1 and 2'),
         ('robot', 'plane: {frame: b, origin: [0, 0, 0], x: [1, 0, 0], y: [0.6, 0.8, 0]}', 'x and y at right angles'),
         ('robot', 'plane: {frame: b, origin: [0, 0], x: [1, 0, 0], y: [0, 1, 0]}', r'origin: expected \[x, y, z\]'),

@@ -85,7 +85,7 @@ def test_a_page_escapes_and_spans() -> None:
     table = TABLE._replace(rows=(*TABLE.rows, ('<b>', '-1', '2', '')), levels=('', 'bad', '', '', ''))
     html = as_page(Report('<i>', Verdict('found'), (Section('Parts', (table,)),)))
     assert '<th class="n">compliance [µm/N]</th><th class="n">rows</th><th>verdict</th>' in html
-    assert '<td class="n">17.31 ±\u00a00.25</td>' in html
+    assert '<td class="n">17.31 ± 0.25</td>' in html
     assert '<td class="n">−1</td>' in html
     assert '<tr class="bad"><td>joint 1</td>' in html
     assert '<td>&lt;b&gt;</td>' in html

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.results.parameter_file import effect_parameters, facts, load_result, parameter_text
+from scara_kinetostatic.results.parameter_file import facts, load_result, parameter_text
 
 
 @pytest.mark.parametrize('which', ['plain', 'confounded'])
@@ -41,27 +43,25 @@ def test_every_number_is_read_as_a_real_one(plain: Outcome, value: float) -> Non
     assert found == value
 
 
+def flat(tree: Any, path: str = '') -> dict[str, Any]:
+    """The values of a tree by the names of their branches."""
+    if not isinstance(tree, dict):
+        return {path[1:]: tree}
+    return {key: value for name in tree for key, value in flat(tree[name], f'{path}.{name}').items()}
+
+
 def test_effects_stand_behind_the_twelve(grown: Outcome, ambiguous: Outcome, unnamed: Outcome) -> None:
-    curve = [value.name for value in unnamed.diagnosis.found[0].values]
-    for outcome, expected in (
-        (grown, {'object_radius': {'_x_q_frac_': ['radius']}}),
-        (ambiguous, {'contact_friction': {'all': ['coefficient']}, 'sensor_rotation': {'all': ['angle']}}),
-        (unnamed, {'unnamed': {'joint1_over_q2': curve}}),
+    for outcome, places in (
+        (grown, ['object_radius._x_q_frac_']),
+        (ambiguous, ['sensor_rotation.all', 'contact_friction.all']),
+        (unnamed, ['unnamed.joint1_over_q2']),
     ):
         found = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']
         assert list(found) == ['calibrated', 'calibrated_std', 'effects', 'effects_std', 'calibration']
         assert found['calibrated'] == outcome.final.parameters.as_dict()
-        for group, kind in (('effects', 0), ('effects_std', 1)):
-            tree = found[group]
-            assert {n: {t: list(values) for t, values in inner.items()} for n, inner in tree.items()} == expected
-            numbers = {
-                path: float(number)
-                for name, inner in tree.items()
-                for target, values in inner.items()
-                for path, number in (((name, target, key), number) for key, number in values.items())
-            }
-            wanted = {item.path: (item.value, item.std)[kind] for item in effect_parameters(outcome.diagnosis.found)}
-            np.testing.assert_equal(numbers, wanted)
+        rows = [(place, v) for place, f in zip(places, outcome.diagnosis.found, strict=True) for v in f.values]
+        np.testing.assert_equal(flat(found['effects']), {f'{place}.{v.name}': v.value for place, v in rows})
+        np.testing.assert_equal(flat(found['effects_std']), {f'{place}.{v.name}': v.std for place, v in rows})
 
 
 def test_names_that_yaml_takes_for_something_else(plain: Outcome) -> None:
@@ -74,19 +74,12 @@ def test_names_that_yaml_takes_for_something_else(plain: Outcome) -> None:
     assert math.isnan(tree['effects_std']['object_radius']['a_b']['radius'])
 
 
-def test_the_file_says_what_the_numbers_are_made_from_and_worth(plain: Outcome, ambiguous: Outcome) -> None:
-    for outcome in (plain, replace(ambiguous, warnings=('a "quoted": # one', 'b\nc'), sources=('C:\\bag', '~/é'))):
-        tree = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']['calibration']
-        flat = {}
-        for name, value in tree.items():
-            flat |= {f'{name}.{key}': item for key, item in value.items()} if isinstance(value, dict) else {name: value}
-        expected = {name: value for name, value in facts(outcome).items() if value != []}
-        if outcome is not plain:
-            expected['warnings'] = ['a "quoted": # one', 'b\nc']
-        np.testing.assert_equal(flat, expected)
-        assert {name: type(value) for name, value in flat.items()} == {n: type(v) for n, v in expected.items()}
-    assert flat['assessment'] == 'caution'
-    assert flat['rivals'] == ['sensor_rotation, contact_friction']
+def test_the_file_says_what_the_numbers_are_made_from_and_worth(ambiguous: Outcome) -> None:
+    outcome = replace(ambiguous, warnings=('a "quoted": # one', 'b\nc'), sources=('C:\\bag', '~/é'))
+    found = flat(yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']['calibration'])
+    assert found == {name: value for name, value in facts(outcome).items() if value != []}
+    assert (found['assessment'], found['rivals']) == ('caution', ['sensor_rotation, contact_friction'])
+    assert found['warnings'] == ['a "quoted": # one', 'b\nc']
 
 
 def test_a_result_comes_back_from_its_file(
@@ -111,12 +104,9 @@ def test_a_file_that_is_no_result_is_refused(text: str, tmp_path: Path) -> None:
         load_result(path)
 
 
-@pytest.mark.parametrize('wrong', ['.nan', '.inf', 'far', '[1.0]'])
+@pytest.mark.parametrize('wrong', ['.nan', 'far'])
 def test_a_value_that_is_no_number_is_refused(plain: Outcome, wrong: str, tmp_path: Path) -> None:
     path = tmp_path / 'calibration.yaml'
-    value = repr(plain.calibration.parameters.l1)
-    text = parameter_text(plain)
-    assert f'l1: {value}\n' in text
-    path.write_text(text.replace(f'l1: {value}\n', f'l1: {wrong}\n'))
+    path.write_text(re.sub(r'l1: 0\.3.*', f'l1: {wrong}', parameter_text(plain), count=1))
     with pytest.raises(ParameterError, match='no result of a calibration'):
         load_result(path)

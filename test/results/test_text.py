@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from html import unescape
 
 import pytest
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
@@ -17,7 +15,6 @@ from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection
-from scara_kinetostatic.report import Report, as_page
 from scara_kinetostatic.report.quantities import SCALES, micrometres
 from scara_kinetostatic.results import messages
 from scara_kinetostatic.results.messages import parameter_table
@@ -82,16 +79,9 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     assert 'cos1' not in joined(unnamed), 'coefficients say nothing by themselves'
 
 
-def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
-    rivals = (tuple(f'effect_{number}' for number in range(20)),)
-    text = ' '.join(messages.verdict(replace(plain, diagnosis=Diagnosis('ambiguous', 1e-4, rivals=rivals))).sentences)
-    assert 'effect_0 or effect_1' in text
-    assert 'or one of 16 more' in text
-
-
-def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
-    for which in ('plain', 'confounded', 'grown', 'ambiguous', 'unnamed'):
-        assert max(map(len, text_report(request.getfixturevalue(which)).splitlines())) <= 100
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'grown', 'ambiguous', 'unnamed'])
+def test_lines_fit_a_terminal(which: str, request: pytest.FixtureRequest) -> None:
+    assert max(map(len, text_report(request.getfixturevalue(which)).splitlines())) <= 100
 
 
 @pytest.mark.parametrize(
@@ -115,23 +105,13 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
     assert expected in text
     assert f'Verdict: {diagnosis.verdict}.' in text
     assert ('Do not rely on the standard deviations' in text) == (diagnosis.verdict == 'unexplained')
-    assert ('The base model explains' in verdict.headline) == (level == 'good')
-    shown = text_report(outcome).split('\n\n')
-    assert shown[0].startswith(' '.join(messages.answer(outcome.assessment, None).headline.split()[:3]))
-    assert ' '.join(shown[1].split()).startswith(verdict.headline)
+    assert ' '.join(text_report(outcome).split('\n\n')[1].split()).startswith(verdict.headline)
 
 
-@pytest.mark.parametrize(
-    ('noise', 'source', 'expected'),
-    [
-        (Noise(1e-5, 0.3), 'given', '10 µrad per joint and 0.3 N per force component, given by the cell description'),
-        (Noise(1e-5, 0.3), 'estimated', '0.3 N per force component, estimated from the residuals'),
-        (Noise(1e-5, (0.4, 0.1), 0.012), 'given', '0.4 and 0.1 N per force component, in addition 1.2 % of the force'),
-    ],
-)
-def test_noise_in_words(plain: Outcome, noise: Noise, source: str, expected: str) -> None:
-    calibration = replace(plain.calibration, noise=noise, noise_source=source)
-    assert expected in messages.noise(replace(plain, calibration=calibration))
+def test_noise_in_words(plain: Outcome) -> None:
+    calibration = replace(plain.calibration, noise=Noise(1e-5, (0.4, 0.1), 0.012), noise_source='given')
+    words = '10 µrad per joint and 0.4 and 0.1 N per force component, in addition 1.2 % of the force, given by the cell'
+    assert messages.noise(replace(plain, calibration=calibration)).startswith(words)
 
 
 def test_a_combination_has_its_value(confounded: Outcome) -> None:
@@ -139,11 +119,3 @@ def test_a_combination_has_its_value(confounded: Outcome) -> None:
     known = replace(c.identifiability, combinations=(Combination('g1', -12.5, 'p1', 1e-4, 1e-6, 'rad'),))
     line = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1]
     assert 'g1 - 12.5 p1 (factor in SI units) = 100.0 ± 1.0 µrad' in line
-
-
-def test_a_command_in_an_action_keeps_the_labels_that_can_be_typed(grown: Outcome) -> None:
-    command = f"--fix '{grown.diagnosis.found[0].effect.label}.radius=VALUE'"
-    outcome = replace(grown)
-    vars(outcome)['assessment'] = Assessment(Grade.CAUTION, ('the cause is open',), (f'hold it by {command}',))
-    assert command in joined(outcome)
-    assert command in unescape(as_page(Report('', messages.answer(outcome.assessment, None), ())))

@@ -71,13 +71,16 @@ def test_a_run_is_of_one_part_one_direction_and_one_lever():
     rows = ['1,0,gripper,0,', '2,0,joint1,0,0.66', '3,0,gripper,0,0.5', '4,0,gripper,90,', '5,0,joint1,0,0.33']
     found = parse(heading + '\n'.join(rows))
     assert [run.force.tolist() for run in found.runs] == [[1.0, 3.0], [2.0], [4.0], [5.0]]
-    assert found.notes == ("table.csv: the column 'levr_m' is unknown and not used",)
+    assert found.notes == ("table.csv: columns that are unknown and not used: 'levr_m'",)
 
 
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('force_N,displacement_m,lever_inch\n1,2,3\n', "'inch'; convert it to one of lever_m, lever_mm, lever_um"),
+        (
+            'force_N,displacement_m,lever_inch\n1,2,3\n',
+            "'lever_inch' has none of the units of lever; convert it to lever_m or lever_mm or lever_um",
+        ),
         ('force_N,displacement_m\n1,25.1\n', 'displacement_m: 25.1 is too large to be plausible; check the unit'),
         ('force_N,displacement_m,part\n1,0,elbow\n', "line 2: part: expected gripper or joint1 or joint2, got 'elbow'"),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a number above 0'),
