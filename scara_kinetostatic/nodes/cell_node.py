@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from time import sleep
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -66,13 +67,11 @@ class CellNode(Node):
     """A node that declares its parameters, those of `parameters.yaml`, and says how it is.
 
     Attributes:
-        executor_type: of the executor that spins it.
         rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
             takes all waiting messages of a topic at once needs less time if several are waiting.
         exit_status: set by a node that has done what it had to, and ends; also by `close`.
     """
 
-    executor_type: type[Executor] = SingleThreadedExecutor
     rest = 0.0
     exit_status: int | None = None
 
@@ -164,6 +163,11 @@ class CellNode(Node):
     def plane_of(self, cell: Cell) -> Plane:
         """The plane of the arm, with the parameter `frame_prefix` before the name of its frame."""
         return cell.plane._replace(frame=self.value('frame_prefix') + cell.plane.frame)
+
+    def spin(self, executor: Executor) -> None:
+        """One round of the executor; 0.2 s are the longest time from a signal to its effect."""
+        executor.spin_once(timeout_sec=0.2)
+        sleep(self.rest)
 
     def close(self) -> None:
         """Closes files and ends processes; called once, after the last callback has begun."""

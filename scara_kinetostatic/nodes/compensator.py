@@ -22,17 +22,15 @@ not tared is said on `/diagnostics`; without a recent force or a calibration tha
 from __future__ import annotations
 
 from collections import Counter, deque
-from itertools import islice
 from math import hypot, isfinite, nan, pi
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from rclpy.executors import Executor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -45,7 +43,6 @@ from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePositi
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, planar
-from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, waiting
 from scara_kinetostatic.planning.motion import Space
 
@@ -213,7 +210,7 @@ class Compensator(CellNode):
         InputError: a parameter, the cell or the calibration is not valid.
     """
 
-    executor_type = PollingExecutor
+    rest = 0.0003
 
     def __init__(self) -> None:
         super().__init__('compensator')
@@ -223,17 +220,16 @@ class Compensator(CellNode):
         self._plane = self.plane_of(cell)
         self._tip = FollowedTip(cell, self.value('timeout'), self.value('force_noise'))
         self._answered, self._answer_problem = 'none', ''
-        self._polls = 0
         self._streams = CellStreams(self, cell, self._turned)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
         self._status = self.create_publisher(DiagnosticArray, '~/answer', 10)
-        self._group = PolledGroup()
         # samples that a busy machine has let wait are left out; matches every publisher
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._wrenches = self._polled(WrenchStamped, cell.sensor.wrench, newest)
-        self.awaited = self._polled(JointState, cell.sensor.joint_states, newest)
-        self._requests = self._polled(MultiDOFJointState, '~/compensate', 10)
+        joints, force = cell.sensor[:2]
+        self._joint_states = self.create_subscription(JointState, joints, self._take_joints, newest, raw=True)
+        self._wrenches = self.create_subscription(WrenchStamped, force, self._take_wrench, newest, raw=True)
+        self.create_subscription(MultiDOFJointState, '~/compensate', self._answer, 10)
         self.serve_tare(self._tip.tare)
         self.publish_status('tip', self._report)
         self._calibration.start()
@@ -249,31 +245,27 @@ class Compensator(CellNode):
         if anew and self._tip.forget_forces():
             self.get_logger().warning('the forces are turned otherwise from here on: call ~/tare again')
 
-    def _polled(self, kind: type, topic: str, profile: QoSProfile | int) -> Subscription:
-        return self.create_subscription(kind, topic, lambda _: None, profile, callback_group=self._group, raw=True)
+    def spin(self, executor: Executor) -> None:
+        """Looks for joint states again and again: a round of the executor, for all else, takes as long as a sample."""
+        executor.spin_once(timeout_sec=0)
+        for _ in range(40):
+            for message, _ in waiting(self._joint_states):
+                self._take_joints(message)
+            sleep(self.rest)
 
-    def poll(self) -> None:
-        """Takes what has come: wrenches first, so that a joint state goes with the last force before it.
+    def _take_wrench(self, message: bytes) -> None:
+        if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
+            self._tip.take_wrench(sample)
 
-        One joint state: where more have come, the next wait ends at once. Requests come with every eighth call.
-        """
-        for message, _ in waiting(self._wrenches):
-            if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
-                self._tip.take_wrench(sample)
-        for message, _ in islice(waiting(self.awaited), 1):
-            if (sample := self._streams.sample(Stream.JOINTS, message)) is not None:
-                self._take_joints(sample)
-        self._polls += 1
-        for message, _ in waiting(self._requests) if self._polls % 8 == 0 else ():
-            self._answer(deserialize_message(message, MultiDOFJointState))
-
-    def _take_joints(self, sample: Sample) -> None:
-        """Publishes where the tip is; the diagnostics say why there is no pose."""
-        found = self._tip.take_joints(sample)
-        if found is None or not isfinite(found.x):
+    def _take_joints(self, message: bytes) -> None:
+        """Publishes where the tip is, by the last force that has come; the diagnostics say why there is no pose."""
+        for wrench, _ in waiting(self._wrenches):
+            self._take_wrench(wrench)
+        sample = self._streams.sample(Stream.JOINTS, message)
+        found = None if sample is None else self._tip.take_joints(sample)
+        if sample is None or found is None or not isfinite(found.x):
             return
-        stamp = sample.stamp_ns or self.now()
-        place = found.x, found.y, found.yaw
+        stamp, place = sample.stamp_ns or self.now(), (found.x, found.y, found.yaw)
         self._pose.publish(conversion.pose_bytes(stamp, self._plane, place, found.covariance))
 
     def _of_request(self, request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:

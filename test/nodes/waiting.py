@@ -78,7 +78,6 @@ class Bench:
         while not until():
             step()
             self._executor.spin_once(timeout_sec=0.02)
-            getattr(self.node, 'poll', bool)()
             assert monotonic() < end, [(status.level, status.message) for status in self.statuses[-1:]]
 
     def call(
