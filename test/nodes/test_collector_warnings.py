@@ -14,7 +14,6 @@ pytest.importorskip('rclpy')
 from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
-from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.nodes import session
@@ -25,7 +24,6 @@ from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import Stream, StreamMonitor
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 from scara_kinetostatic.touches.streams import Streams
 
 GIB = 1 << 30
@@ -58,22 +56,6 @@ def test_many_rejected_touches_are_said_with_their_reason(tmp_path):
     feed(recording, touches(4))
     recording.close()
     assert ' of 4 touches rejected, ' in recording.rejections()
-
-
-def test_discarded_touches_are_those_of_the_recording(tmp_path):
-    """The last one first; the calibrator leaves the same ones out."""
-    recording = Session(tmp_path, PAPER_CELL, 1)
-    feed(recording, touches(4))
-    recording.poll()
-    accepted = recording.touches
-    discarded = [recording.discard_last(10**18) for _ in range(2)]
-    assert [touch.number for touch in discarded if touch] == [accepted - 1, accepted - 2]
-    recording.close()
-    assert (recording.touches, recording.rejected, recording.rejections()) == (2, 2, '')
-    detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
-    numbers = [(touch.number, DISCARDED) for touch in reversed(discarded) if touch]
-    assert [(item.index, item.reason) for item in detection.rejected] == numbers
-    assert detection.warnings == ()
 
 
 def test_the_collector_warns_of_the_disk(spin, tmp_path, monkeypatch):
