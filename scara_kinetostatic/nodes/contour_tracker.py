@@ -2,8 +2,8 @@
 
 What `scara-kinetostatic contour` works out of a recording, this node works out of the running streams: deflection and
 backlash are taken out by the calibrated model, the radius of the tip along the normal of its path. On `~/path` is the
-outline along which the tip slides or slid last, on `~/markers` all outlines with their uncertainty, the known objects,
-and the tip with its force; both are latched. What is farther back than 20 mm along the path does not change any more.
+outline along which the tip slides or slid last, latched. What is farther back than 20 mm along the path does not change
+any more.
 
 The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes;
 with another calibration the outlines begin anew. The zero of the force is that of the latest free motion; `~/tare`
@@ -18,14 +18,13 @@ from time import monotonic, time_ns
 
 import numpy as np
 from nav_msgs.msg import Path
-from visualization_msgs.msg import MarkerArray
 
-from scara_kinetostatic.contour.online import SECOND, OnlineContour, known_markers, outline_markers, tip_markers
+from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.result import NO_RADIUS, Outline, remarks_on
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import Sample, marker_array, path
+from scara_kinetostatic.nodes.conversion import Sample, path
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 
 
@@ -46,7 +45,6 @@ class ContourTracker(CellNode):
         self._online: OnlineContour | None = None
         self._next = self._felt = 0.0
         self._path = self.create_publisher(Path, '~/path', LATCHED)
-        self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._streams = CellStreams(self, cell, self._turned)
         self._streams.subscribe(self._take)
         self.serve('clear', self._clear)
@@ -89,10 +87,6 @@ class ContourTracker(CellNode):
         online = self._calibrated()
         present = online.present
         self._path.publish(path(online.now, self._plane, [] if present is None else _places(present)))
-        scene = known_markers(self._cell.discs, online.tip_radius) + outline_markers(
-            online.outlines, self.value('uncertainty_scale')
-        )
-        self._markers.publish(marker_array(scene + tip_markers(online.contour, 0.002), self._plane))
 
     def _clear(self) -> str:
         online = self._calibrated()
@@ -151,6 +145,7 @@ def _figures(online: OnlineContour) -> dict[str, str]:
     }
     if outline is not None:
         figures |= {'outline': 'closed' if outline.closed else 'open', 'length [mm]': f'{1e3 * outline.length:.1f}'}
+        figures['standard uncertainty [µm]'] = f'{1e6 * np.median(outline.std):.2g}'
     if contour is not None:
         figures['coefficient of friction'] = f'{contour.friction.coefficient:.3f} ± {contour.friction.std:.3f}'
     return figures

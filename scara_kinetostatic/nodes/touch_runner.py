@@ -193,6 +193,7 @@ class TouchRunner(RecordingNode):
     def __init__(self) -> None:
         super().__init__('touch_runner')
         self._cell = self.cell_or_example(DEMO_CELL)
+        self._plane = self.plane_of(self._cell)
         self._output, path = self.place('output', self.value('output')).absolute(), self.value('calibration')
         self._planner = self._known(self.place('calibration', path)) if path else None
         if self._cell.limits is None:
@@ -461,7 +462,7 @@ class TouchRunner(RecordingNode):
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
             (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
-            self._next.publish(pose_stamped(self.now(), self._cell.plane, (x, y, angle)))
+            self._next.publish(pose_stamped(self.now(), self._plane, (x, y, angle)))
 
     def _report(self) -> Condition:
         complaints, values = self._streams.examine(expected=self._is_running)

@@ -122,13 +122,11 @@ def test_arguments_that_contradict_each_other_are_refused(launched, arguments, p
 
 def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched):
     launched.installed |= {'robot_state_publisher', 'rviz2'}
-    nodes = launched.nodes(namespace='/left', rviz='true', compensate='true')
-    assert list(nodes) == [*ALL[:3], 'compensator', ALL[3], 'robot_state_publisher', 'rviz2']
+    nodes = launched.nodes(namespace='/left', rviz='true', compensate='true', run='true', cell=CELL)
+    assert list(nodes) == [*ALL[:3], 'compensator', 'touch_runner', ALL[3], 'robot_state_publisher', 'rviz2']
     assert {node['namespace'] for node in nodes.values()} == {'/left'}
-    assert parameters(nodes['contact_simulator'])['frame_prefix'] == 'left/'
-    assert parameters(nodes['visualizer'])['frame_prefix'] == 'left/'
-    assert parameters(nodes['compensator'])['frame_prefix'] == 'left/'
-    assert parameters(nodes['robot_state_publisher'])['frame_prefix'] == 'left/'
+    for name in ('contact_simulator', 'visualizer', 'compensator', 'touch_runner', 'robot_state_publisher'):
+        assert parameters(nodes[name])['frame_prefix'] == 'left/'
     assert nodes['rviz2']['arguments'][-2:] == ['-f', 'left/base_link']
 
 

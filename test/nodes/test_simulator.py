@@ -8,7 +8,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, UNITS
 from scara_kinetostatic.nodes.cell_node import PARAMETERS
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
-from scara_kinetostatic.report.markers import Scales
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.simulation.commanded import Fault, PlantSettings
 from scara_kinetostatic.simulation.mujoco import SCENES
@@ -70,8 +69,6 @@ def test_stated_defaults_and_ranges_are_those_of_what_they_set():
     assert ', '.join(SCENES) in stated['scene']['meaning']
     assert ', '.join(fault.value for fault in Fault if fault.value) in stated['fault']['meaning']
     assert {name.removeprefix('truth.') for name in stated if name.startswith('truth.')} == set(UNITS)
-    shown = PARAMETERS['visualizer']
-    assert [shown[f'{name}_scale']['default'] for name in Scales._fields] == list(Scales())
     assert PARAMETERS['contour_tracker']['tip_radius']['range'][1] == LARGEST_TIP
     assert PARAMETERS['touch_runner']['max_touches']['range'][0] == FIRST
 
