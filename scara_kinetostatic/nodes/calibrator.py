@@ -122,7 +122,6 @@ class Calibrator(CellNode):
         self._announced = ''
         self._results = ResultParameters(self)
         self._process: CalibrationProcess | None = None
-        self._part = 0.0
         self._ended = Future()
         self._condition = Condition(OK, 'no calibration yet', {})
         if self._results.exist:
@@ -130,7 +129,6 @@ class Calibrator(CellNode):
             self.say(self._condition.level, self._condition.message)
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
-        self._progress = self.create_publisher(String, '~/progress', LATCHED)
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/calibrate', self._calibrate, qos_profile=CALLS, callback_group=group)
         self.create_service(Trigger, '~/cancel', self._cancel, qos_profile=CALLS, callback_group=group)
@@ -152,16 +150,15 @@ class Calibrator(CellNode):
         if self._process is not None:
             response.message = 'a calibration is running already; call again when it is done, or ~/cancel'
             return response
-        former, self._part = self._condition, 0.0
+        former = self._condition
         try:
             job = self._job()
             self._ended, self._process = Future(), CalibrationProcess(job)
-            self._show(f'starting, {", ".join(job.recordings)}', 0.0)
+            self._condition = Condition(OK, f'calibrating from {", ".join(job.recordings)}', {})
             self._timer.reset()
             ended = await self._ended
             if 'cancelled' in ended:
                 response.message, self._condition = ended['cancelled'], former
-                self._tell('cancelled', response.message, self._part)
                 self.get_logger().warning(response.message)
             elif 'error' in ended:
                 raise RefusedError(ended['error'])
@@ -171,7 +168,6 @@ class Calibrator(CellNode):
         except (ScaraKinetostaticError, OSError) as error:  # OSError: no process can be made
             response.message = str(error)
             self._condition = Condition(ERROR, response.message, {})
-            self._tell('failed', response.message, self._part)
             self.get_logger().error(response.message)
         return response
 
@@ -224,26 +220,15 @@ class Calibrator(CellNode):
         return named or [self._announced]
 
     def _poll(self) -> None:
-        """Looks what the running calibration does."""
-        news = None if self._process is None else self._process.poll()
-        if news is not None and 'progress' in news:
-            self._show(**news['progress'])
-        elif news is not None:
-            self._end(news)
+        """Looks whether the running calibration has ended."""
+        ended = None if self._process is None else self._process.poll()
+        if ended is not None:
+            self._end(ended)
 
     def _end(self, ended: dict[str, Any]) -> None:
         self._timer.cancel()
         self._process = None
         self._ended.set_result(ended)
-
-    def _show(self, step: str, part: float) -> None:
-        self._part = part
-        self._condition = Condition(OK, f'calibrating: {step}', {'progress': f'{100 * part:.0f} %'})
-        self._tell('running', step, part)
-
-    def _tell(self, state: str, message: str, part: float) -> None:
-        """Publishes on `~/progress`."""
-        self._progress.publish(String(data=json.dumps({'state': state, 'message': message, 'part': part})))
 
     def _take(self, folder: Path, note: str, job: Job) -> tuple[bool, str]:
         """Publishes the result of a job, by the rules with which it was begun.
@@ -270,7 +255,6 @@ class Calibrator(CellNode):
         self._result.publish(String(data=text))
         for warning in facts['warnings']:
             self.get_logger().warning(warning)
-        self._tell('done', message, 1.0)
         return is_fit, message
 
     def _present(self) -> str:

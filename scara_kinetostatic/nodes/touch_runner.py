@@ -389,17 +389,17 @@ class TouchRunner(RecordingNode):
                 self._runner.fail(problem, may_retract=False)
         if self._autostart:
             self._begin_by_itself()
-        news = None if self._process is None else self._process.poll()
-        if news is not None and 'progress' not in news:
+        ended = None if self._process is None else self._process.poll()
+        if ended is not None:
             self._process = None
-            reply = news.get('reply')
+            reply = ended.get('reply')
             if reply is not None:
                 facts = load_result(Path(reply['folder']) / NAME).facts
                 self._result = f'result in {reply["folder"]}: verdict {facts["verdict"]}, {facts["assessment"]}'
                 if facts['assessment'] == UNFIT:
                     self._runner.revoke('the calibration of the whole recording is unfit for use; see its report')
             else:
-                self._result = f'no result: {news.get("error") or news.get("cancelled")}'
+                self._result = f'no result: {ended.get("error") or ended.get("cancelled")}'
                 self._runner.revoke(self._result)
             self.get_logger().info(self._result)
             self._end()
