@@ -203,15 +203,7 @@ class CellNode(Node):
         Args:
             tare: takes it as zero and returns it, (x, y), N; an error says why it cannot.
         """
-
-        def do() -> str:
-            try:
-                x, y = tare()
-            except ScaraKinetostaticError as error:
-                raise RefusedError(f'not tared: {error}') from error
-            return f'zero of the force: ({x:.4g}, {y:.4g}) N'
-
-        self.serve('tare', do)
+        self.serve('tare', lambda: 'zero of the force: ({:.4g}, {:.4g}) N'.format(*tare()))
 
     def say(self, level: bytes, message: str) -> None:
         """Logs a message at the level of a status."""
@@ -246,25 +238,14 @@ class CellNode(Node):
         return array
 
     def publish_status(self, title: str, examine: Callable[[], Condition]) -> None:
-        """Publishes the status of the node once a second; a second node of its name is a warning there and in the log.
+        """Publishes the status of the node once a second.
 
         Args:
             title: of the status, after the node's name.
             examine: returns the status.
         """
         publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        own = self.get_name(), self.get_namespace()
-        twin = f'another node is named {self.get_fully_qualified_name()} (one that was killed counts for 20 s): end one'
-
-        def publish() -> None:
-            condition = examine()
-            if self.get_node_names_and_namespaces().count(own) > 1:
-                self.get_logger().warning(twin, **LASTING)
-                level, message = max(condition.level, WARN), f'{twin}; {condition.message}'
-                condition = condition._replace(level=level, message=message)
-            publisher.publish(self.status(title, *condition))
-
-        self.every(1.0, publish)
+        self.every(1.0, lambda: publisher.publish(self.status(title, *examine())))
 
 
 Calibration = TypeVar('Calibration', CalibratedArm, CalibrationRecord)

@@ -239,7 +239,7 @@ class Compensator(CellNode):
 
     def _publish_answer(self, request: Any, level: bytes, message: str, values: dict[str, object]) -> None:
         """Publishes the status of an answer, with the header of the request."""
-        array = conversion.diagnostic(f'{self.get_fully_qualified_name()}: answer', level, message, values)
+        array = self.status('answer', level, message, values)
         array.header = request.header
         self._status.publish(array)
 

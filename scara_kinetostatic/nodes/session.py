@@ -26,7 +26,6 @@ Values, in SI units, empty where unknown:
 from __future__ import annotations
 
 import shutil
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import hypot
@@ -42,7 +41,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
 from scara_kinetostatic.nodes.streams import CellStreams, Stream
-from scara_kinetostatic.touches.detection import Detection, Episode, no_touches
+from scara_kinetostatic.touches.detection import Detection, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
 
@@ -140,14 +139,13 @@ class Session:
 
     def __init__(self, parent: Path, cell: Cell, log_time: int, streams: CellStreams | None = None) -> None:
         self.touches = self.rejected = 0
-        self.news = ''
+        self.news = self._reason = ''
         topics = None if streams is None else streams.topics
         self.latest = Detection(no_touches())
         self._cell = cell
         self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
-        self._judged: deque[Episode] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
         try:
             for message in streams.frame.messages if streams else ():
@@ -243,12 +241,13 @@ class Session:
         return self._detector.clock_warning
 
     def rejections(self) -> str:
-        """How many of the last thousand touches are rejected and why, where they are many; else empty."""
-        rejected = [each for each in self._judged if each.reason]
-        if len(rejected) <= 0.2 * len(self._judged):
-            return ''
-        last = next(each.reason for each in reversed(rejected))
-        return f'{len(rejected)} of {len(self._judged)} touches rejected, the last: {last}'
+        """How many of the touches are rejected and why, where they are many; else empty."""
+        total = self.touches + self.rejected
+        return (
+            f'{self.rejected} of {total} touches rejected, the last: {self._reason}'
+            if 5 * self.rejected > total
+            else ''
+        )
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
         self.latest = new
@@ -258,8 +257,8 @@ class Session:
         self.touches += len(new.touches)
         self.rejected += len(new.rejected)
         judged = judged_touches(new, self._cell)
-        self._judged += new.episodes
         self.news = judged[-1].line
+        self._reason = next((each.reason for each in reversed(judged) if each.reason), self._reason)
         return judged
 
     def _checkpoint(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-import rclpy
 from nodes.waiting import WAIT, meet
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
@@ -14,7 +13,6 @@ from benchmark.faults.services import TEXTS
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.nodes import conversion, streams
 from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.cell_node import WARN
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
@@ -123,11 +121,3 @@ def test_no_text_of_a_parameter_ends_the_collector(bench, tmp_path):
             refused.append(not answer.success)
             assert '\n' not in answer.message
     assert refused == [True] * (len(refused) - 1) + [False]
-
-
-def test_a_second_node_of_a_name_is_said(bench):
-    b = bench(Collector)
-    b.wait(lambda: b.statuses)
-    twin = rclpy.create_node('collector')
-    b.wait(b.says('another node is named /collector', WARN))
-    twin.destroy_node()

@@ -144,7 +144,7 @@ def test_the_level_follows_assessment_verdict_and_warnings(calling, outcome):
         assert said in answer.message
         assert b.node._condition.level == level
     assert b.node.get_parameter('calibrated.l1').value == 0.5
-    assert b.node._results.facts == facts(outcome)
+    assert b.node._facts == facts(outcome)
     assert isnan(b.node.get_parameter('calibrated_std.l2').value)
     (refused,) = b.node.set_parameters([Parameter('calibrated.l1', value=1.0)])
     assert 'read-only' in refused.reason
