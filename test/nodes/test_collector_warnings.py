@@ -58,9 +58,9 @@ def test_many_rejected_touches_are_said_with_their_reason(tmp_path):
     assert ' of 4 touches rejected, ' in recording.rejections()
 
 
-def test_the_collector_warns_of_the_disk(spin, tmp_path, monkeypatch):
+def test_the_collector_warns_of_the_disk(bench, tmp_path, monkeypatch):
     monkeypatch.setattr(session.shutil, 'disk_usage', lambda _: SimpleNamespace(free=GIB // 2))
-    collector = spin(Collector, autostart=True, output=tmp_path)
+    collector = bench(Collector, autostart=True, output=tmp_path).node
     condition = collector._examine()
     assert condition.level == WARN
     assert f'the disk of {tmp_path} has' in condition.message
@@ -90,8 +90,8 @@ def test_a_robot_taken_for_the_example_cell_is_said(bench, tmp_path):
     assert said in answer.message
 
 
-def test_a_robot_whose_cell_is_given_is_no_example(spin, cell_file):
-    collector = spin(Collector, cell=cell_file)
+def test_a_robot_whose_cell_is_given_is_no_example(bench, cell_file):
+    collector = bench(Collector, cell=cell_file).node
     publish_as(collector, '/left/driver')
     assert collector._examine().level == OK
 

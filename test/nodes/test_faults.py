@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from nodes.waiting import WAIT, meet
+from nodes.waiting import WAIT
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -75,7 +75,7 @@ def test_messages_that_were_lost_are_said(bench, tmp_path, monkeypatch):
     monkeypatch.setattr(streams, 'RELIABLE_STREAM', shallow)
     b = bench(Collector, output=tmp_path, autostart=True)
     publisher = b.robot.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    meet(b.node, publisher)
+    b.meet(publisher)
     monitor = b.node._streams.monitors[Stream.JOINTS]
 
     def publish(stamp: int) -> None:

@@ -14,7 +14,6 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from monitoring.simulated import CELL, TRUTH, touches_of
-from rclpy.node import Node
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.touch import TouchSet
@@ -51,18 +50,18 @@ def messages(touches: TouchSet, recording: str, **changes: Any) -> list[Any]:
 
 
 @pytest.fixture
-def watching(spin: Callable[..., Node]) -> Callable[..., Node]:
+def watching(bench: Callable[..., Any]) -> Callable[..., Monitor]:
     """A monitor of touches that somebody publishes."""
 
-    def start(**given: object) -> Node:
-        node = spin(Monitor, **given)
-        node.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES)
-        return node
+    def start(**given: object) -> Monitor:
+        b = bench(Monitor, **given)
+        b.robot.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES)
+        return b.node
 
     return start
 
 
-def feed(node: Node, touches: TouchSet, recording: str, **changes: Any) -> None:
+def feed(node: Monitor, touches: TouchSet, recording: str, **changes: Any) -> None:
     for message in messages(touches, recording, **changes):
         node._note_touch(message)
 
@@ -192,13 +191,12 @@ def test_the_calibration_of_the_calibrator(watching, calibration):
     assert node._report().level == WARN and 'not taken' in node._report().message
 
 
-def test_what_is_not_watched_is_said(spin, calibration, tmp_path):
+def test_what_is_not_watched_is_said(bench, calibration, tmp_path):
     document = json.loads(calibration.read_text())
     document['assessment']['grade'] = 'unfit'
     (tmp_path / 'unfit.json').write_text(json.dumps(document))
     with pytest.raises(InputError):
-        spin(Monitor, calibration=tmp_path / 'none.json')
+        bench(Monitor, calibration=tmp_path / 'none.json')
     rclpy.shutdown()
-    node = spin(Monitor, calibration=tmp_path / 'unfit.json')
-    said = node._report()
+    said = bench(Monitor, calibration=tmp_path / 'unfit.json').node._report()
     assert said.level == WARN and 'nobody publishes /collector/touch' in said.message and 'unfit' in said.message

@@ -78,9 +78,9 @@ def _resolved(name: str, node: str, namespace: str) -> str:
 
 
 @pytest.mark.parametrize('name', KINDS)
-def test_a_node_may_do_what_it_does_and_nothing_else(spin, name):
+def test_a_node_may_do_what_it_does_and_nothing_else(bench, name):
     enclave = f'/scara_kinetostatic/left/{name}'
-    node = spin(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True)
+    node = bench(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True).node
     assert (name, '/left', enclave) in node.get_node_names_and_namespaces_with_enclaves()
     has = {rule: {topic for topic, _ in ask(node, name, '/left')} for rule, ask in RULES.items()}
     if name in ('collector', 'contour_tracker', 'touch_runner', 'compensator') and TFMessage is None:

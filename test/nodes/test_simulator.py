@@ -35,8 +35,8 @@ def test_playback_hands_out_both_streams_in_the_order_of_time():
     assert playback.end == 20_000_100
 
 
-def test_parameters_have_descriptions_and_ranges(spin):
-    simulator = spin(ContactSimulator, wait_for_subscribers=1)
+def test_parameters_have_descriptions_and_ranges(bench):
+    simulator = bench(ContactSimulator, wait_for_subscribers=1).node
     own = [name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')]
     descriptors: list[ParameterDescriptor] = simulator.describe_parameters(own)
     assert len(own) >= 25
@@ -73,17 +73,17 @@ def test_stated_defaults_and_ranges_are_those_of_what_they_set():
     assert PARAMETERS['touch_runner']['max_touches']['range'][0] == FIRST
 
 
-def test_effects_are_played(spin):
+def test_effects_are_played(bench):
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
-    node = spin(ContactSimulator, '-p', f'effects:={texts}')
+    node = bench(ContactSimulator, '-p', f'effects:={texts}').node
     assert [effect.label for effect in node._truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
     assert node._truth.effect_values == ((6e-5,), (1.0, -0.5))
     assert node._truth.parameters == PAPER_ACTUAL
 
 
-def test_a_plan_of_slides(spin, tmp_path):
+def test_a_plan_of_slides(bench, tmp_path):
     plan = tmp_path / 'slides.yaml'
     plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, speed: 0.05}\n')
-    node = spin(ContactSimulator, plan=plan, wait_for_subscribers=1)
+    node = bench(ContactSimulator, plan=plan, wait_for_subscribers=1).node
     expected = simulate_streams(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_plan(plan, PAPER_CELL), start=0)
     assert node._playback.end == max(expected.joints.stamp[-1], expected.wrench.stamp[-1])

@@ -18,7 +18,7 @@ import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from nodes.waiting import WAIT, Bench, meet, trigger
+from nodes.waiting import WAIT, Bench, trigger
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -250,7 +250,7 @@ class Standing(Bench):
         self._now, self._samples = 10**9, 0
 
     def begin(self) -> None:
-        meet(self.node, self._states, self._wrenches)
+        self.meet(self._states, self._wrenches)
         self.wait(lambda: not self.node._controller.absence() and self._clock.get_subscription_count() > 0)
         start = self.call('/touch_runner/start')
         assert start.success, start.message
