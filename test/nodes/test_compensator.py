@@ -267,14 +267,6 @@ def test_the_zero_of_the_force(b, arm):
     assert b.place == pytest.approx((free.x, free.y), abs=3e-4)  # the hysteresis of the dead bands
 
 
-def test_an_older_result_is_not_taken(b, arm):
-    followed = b.node._calibration
-    for created in ('2025-01-01T00:00:00Z', '2027-01-01T00:00:00Z'):
-        document = arm_document(replace(arm, cell=LIMITED, created=created))
-        followed._take_result(String(data=json.dumps(document)))
-        assert followed.present.created == max(arm.created, created)
-
-
 def test_a_result_of_another_robot_is_refused(bench, arm):
     followed = bench().node._calibration
     followed.cell = replace(CELL, identification=Identification(robot='A 1'))

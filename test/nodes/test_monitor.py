@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from monitoring.simulated import CELL, TRUTH, touches_of
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -115,10 +116,9 @@ def test_the_direction_of_approach_is_taken_over(calibration):
     assert touch.approach.tolist() == [[0.1, -0.2]] and touch.press.tolist() == [[0.01, -0.02]]
 
 
-def test_what_the_topic_does_not_say_is_assumed_and_said(watching, tmp_path):
-    touches = touches_of(CELL, 0, effects=('thermal_drift:rate=1e-6',), world=None)
-    (tmp_path / 'c.json').write_text(json_text(as_document(calibrate_touches(touches, CELL))))
-    node = watching(calibration=tmp_path / 'c.json')
+def test_what_the_topic_does_not_say_is_assumed_and_said(watching, calibration, monkeypatch):
+    monkeypatch.setattr(Predictor, 'assumptions', 'as at the end of the calibration')
+    node = watching(calibration=calibration)
     assert node._report().level == WARN and 'as at the end of the calibration' in node._report().message
 
 
