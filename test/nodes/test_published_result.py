@@ -17,7 +17,6 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -165,15 +164,6 @@ def test_the_status_says_which_result_was_loaded_from_a_file(calling, outcome, t
     assert 'loaded from a parameter file' in status.message
     assert status.message.startswith(f'{grade or "not assessed"}, of ')
     assert status.values['present result'].startswith(f'{grade or "not assessed"}{origin}')
-
-
-def test_a_result_without_its_document_is_refused(calling, outcome, tmp_path):
-    b = calling()
-    write(tmp_path / 'results', outcome)
-    (tmp_path / 'results' / 'calibration.json').unlink()
-    with pytest.raises(CalibrationFileError, match=r'calibration\.json: there is no such file'):
-        b.node._take(tmp_path / 'results', '', b.node._job())
-    assert not b.node.has_parameter('calibrated.l1')
 
 
 def test_the_recordings_are_those_named_or_the_last_that_was_announced(bench, tmp_path):
