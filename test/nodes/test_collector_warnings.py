@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -69,31 +68,25 @@ def test_the_collector_warns_of_the_disk(bench, tmp_path, monkeypatch):
     assert collector._examine().level == OK
 
 
-def publish_as(collector: Any, name: str) -> None:
-    """As if a node of that name were the only publisher."""
+@pytest.mark.parametrize(
+    ('name', 'is_given', 'expected'),
+    [('/left/contact_simulator', False, False), ('/left/driver', False, True), ('/left/driver', True, False)],
+)
+def test_a_robot_taken_for_the_example_cell_is_said(bench, cell_file, name, is_given, expected):
+    collector = bench(Collector, cell=cell_file if is_given else '').node
     collector._streams.look_at_publishers = lambda: None
     collector._streams.monitors[Stream.JOINTS].publishers = [name]
+    assert ('taken for the example cell' in collector._examine().message) == expected
+    assert (collector._examine().level == WARN) == expected
 
 
-def test_a_robot_taken_for_the_example_cell_is_said(bench, tmp_path):
+def test_a_robot_taken_for_the_example_cell_is_said_as_the_recording_begins(bench, tmp_path):
     b = bench(Collector, output=tmp_path / 'bags')
-    collector, said = b.node, 'taken for the example cell'
-    for name, expected in (('/left/contact_simulator', False), ('/left/driver', True)):
-        publish_as(collector, name)
-        assert (said in collector._examine().message) == expected
-        assert (collector._examine().level == WARN) == expected
-    del collector._streams.look_at_publishers
     b.robot.create_publisher(JointState, '/joint_states', 10)
-    b.wait(lambda: collector.count_publishers('/joint_states') == 1)
+    b.wait(lambda: b.node.count_publishers('/joint_states') == 1)
     answer = b.call('/collector/start')
     assert answer.success
-    assert said in answer.message
-
-
-def test_a_robot_whose_cell_is_given_is_no_example(bench, cell_file):
-    collector = bench(Collector, cell=cell_file).node
-    publish_as(collector, '/left/driver')
-    assert collector._examine().level == OK
+    assert 'taken for the example cell' in answer.message
 
 
 def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():

@@ -33,12 +33,8 @@ def test_accepted_and_rejected_touches_say_so():
     assert message.status[0].name == '/a/collector: touch 0'
     assert (told['accepted'], told['reason']) == ('true', '')
     assert (told['object'], told['touch'], told['recording']) == (PAPER_CELL.discs[plan.disc[0]].name, '0', '/bags/one')
-    np.testing.assert_allclose(
-        [float(told[key]) for key in ('fx_N', 'fy_N')], detection.touches.force[0], rtol=0, atol=0
-    )
-    np.testing.assert_allclose(
-        [float(told[key]) for key in ('q1_rad', 'q2_rad')], detection.touches.joints[0], rtol=0, atol=0
-    )
+    touch = detection.touches
+    assert [float(told[key]) for key in ('fx_N', 'fy_N', 'q1_rad', 'q2_rad')] == [*touch.force[0], *touch.joints[0]]
     stamp = 1e-9 * (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec - detection.start)
     assert detection.episodes[0].contact[0] < stamp < detection.episodes[0].contact[1]
 

@@ -12,27 +12,11 @@ import pytest
 import yaml
 
 LAUNCH = Path(__file__).parents[2] / 'launch'
-MODULES = {
-    'launch': ('LaunchContext', 'LaunchDescription'),
-    'launch.actions': (
-        'DeclareLaunchArgument',
-        'EmitEvent',
-        'GroupAction',
-        'IncludeLaunchDescription',
-        'LogInfo',
-        'OpaqueFunction',
-    ),
-    'launch.conditions': ('IfCondition', 'UnlessCondition'),
-    'launch.events': (),
-    'launch.events.process': ('ShutdownProcess',),
-    'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
-    'launch_ros': (),
-    'launch_ros.actions': ('Node',),
-    'launch_ros.parameter_descriptions': ('ParameterValue',),
-    'launch_ros.substitutions': ('FindPackageShare',),
-    'ament_index_python': (),
-    'ament_index_python.packages': (),
-}
+MODULES = (
+    *('launch', 'launch.actions', 'launch.conditions', 'launch.events.process', 'launch.substitutions'),
+    *('launch_ros.actions', 'launch_ros.parameter_descriptions', 'launch_ros.substitutions'),
+    'ament_index_python.packages',
+)
 CELL = str(LAUNCH.parent / 'config' / 'cell.yaml')
 ALL = ['contact_simulator', 'collector', 'calibrator', 'visualizer']
 
@@ -45,6 +29,14 @@ class StandIn:
 
     def perform(self, context: dict[str, str]) -> str:
         return context[self.args[0]]
+
+
+class Module(ModuleType):
+    """Has every class that is imported from it."""
+
+    def __getattr__(self, name: str) -> type:
+        vars(self)[name] = made = type(name, (StandIn,), {})
+        return made
 
 
 class Launched:
@@ -76,11 +68,11 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Launched:
             raise NotFoundError(package)
         return '/opt'
 
-    for name, classes in MODULES.items():
-        module = ModuleType(name)
-        vars(module).update({each: type(each, (StandIn,), {}) for each in classes})
-        vars(module).update(PackageNotFoundError=NotFoundError, get_package_prefix=prefix)
-        monkeypatch.setitem(sys.modules, name, module)
+    for name in MODULES:
+        monkeypatch.setitem(sys.modules, name, Module(name))
+    vars(sys.modules['ament_index_python.packages']).update(
+        PackageNotFoundError=NotFoundError, get_package_prefix=prefix
+    )
     return Launched(runpy.run_path(str(LAUNCH / 'cell.launch.py')), installed)
 
 

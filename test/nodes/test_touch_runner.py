@@ -18,7 +18,7 @@ import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from nodes.waiting import WAIT, Bench, trigger
+from nodes.waiting import WAIT, Bench
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -103,7 +103,7 @@ def test_a_kill_leaves_the_robot_standing(
         if watch.values['phase'] == 'press':
             break
         client.wait('the end', lambda: bool(watch.values.get('result')), WAIT)
-        trigger(client, '/touch_runner/start')
+        client.call('/touch_runner/start', Trigger, Trigger.Request(), WAIT)
         watch.states.clear()
     assert watch.values['phase'] == 'press'
     os.kill(pid, signal.SIGKILL)

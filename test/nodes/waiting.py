@@ -15,16 +15,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from benchmark.cell_nodes import DemoClient
 from scara_kinetostatic.nodes.streams import LATCHED
 
 WAIT = 300.0
 """After so long a test hangs, s; what it waits for comes at once on an idle machine."""
-
-
-def trigger(client: DemoClient, service: str) -> Trigger.Response:
-    """The answer of a service."""
-    return client.call(service, Trigger, Trigger.Request(), WAIT)
 
 
 class Bench:
