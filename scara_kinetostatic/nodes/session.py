@@ -243,11 +243,9 @@ class Session:
     def rejections(self) -> str:
         """How many of the touches are rejected and why, where they are many; else empty."""
         total = self.touches + self.rejected
-        return (
-            f'{self.rejected} of {total} touches rejected, the last: {self._reason}'
-            if 5 * self.rejected > total
-            else ''
-        )
+        if 5 * self.rejected <= total:
+            return ''
+        return f'{self.rejected} of {total} touches rejected, the last: {self._reason}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
         self.latest = new

@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import re
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from rclpy.node import Node
 
-from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.compensator import Compensator
-from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.contour_tracker import ContourTracker
-from scara_kinetostatic.nodes.monitor import Monitor
+from scara_kinetostatic.nodes import executables
 from scara_kinetostatic.nodes.streams import TFMessage
-from scara_kinetostatic.nodes.touch_runner import TouchRunner
-from scara_kinetostatic.nodes.visualizer import Visualizer
 
 ROOT = Path(__file__).parents[2]
 POLICIES = ROOT / 'config' / 'sros2'
 KINDS = {
-    'contact_simulator': ContactSimulator,
-    'collector': Collector,
-    'calibrator': Calibrator,
-    'visualizer': Visualizer,
-    'monitor': Monitor,
-    'compensator': Compensator,
-    'contour_tracker': ContourTracker,
-    'touch_runner': TouchRunner,
+    name: getattr(import_module(f'scara_kinetostatic.nodes.{one.args[0]}'), one.args[1])
+    for name, one in vars(executables).items()
+    if isinstance(one, partial)
 }
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
