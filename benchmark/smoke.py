@@ -65,7 +65,6 @@ SHARED = {
     'engine_slides',
     'engine_touches',
     'figures',
-    'marker_picture',
     'rehearsal',
     'smoke',
     'svg',
