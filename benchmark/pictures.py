@@ -20,12 +20,10 @@ from benchmark.closed_loop import closed_loop, loop_picture
 from benchmark.common import CELL, normal_error, parser
 from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along, surfaces_of
-from benchmark.marker_picture import marker_picture
 from benchmark.svg import svg_file
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.contour.trace import trace_contour
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
@@ -33,16 +31,7 @@ from scara_kinetostatic.planning import report as design_pictures
 from scara_kinetostatic.planning.optimal_design import optimal_design
 from scara_kinetostatic.planning.prediction import Robot
 from scara_kinetostatic.report.figure import FAINT, SERIES, as_svg, new_figure, style
-from scara_kinetostatic.report.markers import (
-    Scales,
-    SeenTouch,
-    arm_markers,
-    object_markers,
-    result_markers,
-    touch_markers,
-)
 from scara_kinetostatic.results import figures
-from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
@@ -73,7 +62,6 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     """Name and SVG of each."""
     yield 'contour_errors', contour_errors()
     yield 'missing_effect', missing_effect()
-    yield 'markers', markers()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
     paper = reproduce()
@@ -86,31 +74,6 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'gripper_backlash', map_picture(gripper, 'gap', 'gap')
     yield 'gripper_force', force_picture(gripper.runs[0], 'force')
     yield 'closed_loop', loop_picture(closed_loop())
-
-
-def markers() -> Markup:
-    """What the visualizer shows of the recording with a displaced disc, after its calibration."""
-    cell = embedded_cell(UNDECLARED)
-    assert cell is not None
-    outcome = calibrate_recordings([UNDECLARED], cell)
-    document, touches, scales = as_document(outcome), outcome.final.touches, Scales()
-    pose = touches.joints[len(touches) // 2].tolist()
-    seen = [
-        SeenTouch((q[0], q[1]), (f[0], f[1]), cell.discs[disc].name, bool(used))
-        for q, f, disc, used in zip(
-            touches.joints.tolist(), outcome.final.force.tolist(), touches.disc, outcome.final.used, strict=True
-        )
-    ]
-    parameters = outcome.final.parameters
-    return marker_picture(
-        [
-            *object_markers(cell.discs),
-            *touch_markers(seen, parameters, cell.discs, scales),
-            *result_markers(document, cell.discs, scales),
-            *arm_markers('nominal', cell.nominal, pose, NOMINAL_COLOUR),
-            *arm_markers('calibrated', parameters, pose, CALIBRATED_COLOUR),
-        ]
-    )
 
 
 def contour_errors() -> Markup:

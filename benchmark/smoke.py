@@ -64,7 +64,6 @@ SHARED = {
     'engine_slides',
     'engine_touches',
     'figures',
-    'marker_picture',
     'rehearsal',
     'smoke',
     'svg',

@@ -144,7 +144,8 @@ class CellNodes:
             yield self._node('monitor', calibration)
         if self._on('run'):
             places = self._given(recordings=str).values()
-            yield self._node('touch_runner', calibration | dict(zip(['output'], places, strict=False)))
+            output = dict(zip(['output'], places, strict=False))
+            yield self._node('touch_runner', calibration | output | self._framed)
 
     def _calibration(self) -> dict[str, Any]:
         """For the nodes that use one: the file given, else the one that was written with the preloaded parameters.

@@ -152,7 +152,7 @@ def record() -> dict[str, Any]:
         module = import_module(f'scara_kinetostatic.nodes.{name}')
         node = getattr(module, kind)()
         for full in getattr(module, '_RESULT', ()):  # there only once there is a result
-            node._results._declare(full)
+            node._declare_result(full)
         found[name] = {
             'doc': (module.__doc__ or '').strip(),
             'parameters': node.parameters,

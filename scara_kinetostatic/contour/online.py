@@ -8,31 +8,24 @@ neither memory nor work grows with the length of a slide.
 The zero of the force is that of the latest free motion, or the one that `tare` took since; each contact has the zero of
 the free motion right before it, as in a recording. A zero that was taken in contact, or that has drifted far, shows
 itself where the tip then moves along the supposed force (`zero_if_free`).
-
-What is seen of it are geometric primitives: outlines, their uncertainty, known objects, the tip and its force.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.contour import trace
 from scara_kinetostatic.contour.result import Contour, Outline, Parts, add_pass, outlines_of
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Disc, Sensor
+from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.outline import Outline as KnownOutline
-from scara_kinetostatic.model.parameters import quantity
-from scara_kinetostatic.report.markers import FOUND, TEXT, Primitive, label, object_markers, places
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
-from scara_kinetostatic.touches.signals import Signals, as_signals, runs
+from scara_kinetostatic.touches.signals import Signals, as_signals
 
 SECOND = 1_000_000_000
 _SOURCE = 'the slide'
@@ -218,46 +211,3 @@ class OnlineContour:
         """Drops the samples before a stamp, ns."""
         for buffer in self._pair.buffers:
             buffer.drop_before(stamp)
-
-
-_ABOVE = 0.012
-"""Height at which a contour is drawn, m: above the objects."""
-
-
-def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> list[Primitive]:
-    """The outlines, and on both sides of each the bounds of its expanded uncertainty (k = 2), magnified.
-
-    There are no bounds where the uncertainty is not known.
-    """
-    made, pale = [], (*CALIBRATED_COLOUR[:3], 0.5)
-    for outline in outlines:
-        ring = outline.ring
-        closing = [*range(len(outline.points)), 0][: len(ring)]
-        made.append(Primitive('outlines', 'strip', places(ring, _ABOVE), CALIBRATED_COLOUR, 0.002))
-        expanded = COVERAGE_FACTOR * outline.std[closing]
-        away = uncertainty_scale * expanded[:, None] * outline.normals[closing]
-        for bound in (ring + away, ring - away):
-            for begin, end in zip(*runs(np.asarray(np.isfinite(bound).all(axis=1))), strict=True):
-                part = places(bound[begin : end + 1], _ABOVE)
-                made += [Primitive('uncertainty', 'strip', part, pale, 0.0008)] if end > begin else []
-        if np.isfinite(expanded).any() and uncertainty_scale > 0:
-            text = f'±{quantity(float(np.nanmedian(expanded)), "m")} (k = 2), × {uncertainty_scale:g}'
-            x, y = outline.points[outline.points[:, 1].argmin()].tolist()
-            made.append(label('uncertainty', (x, y - 0.03), text, TEXT))
-    return made
-
-
-def known_markers(discs: Sequence[Disc | KnownOutline], tip_radius: float) -> list[Primitive]:
-    """The objects of the cell, as large as their surfaces; a disc is described by the place of the tip's centre."""
-    seen = [disc for disc in discs if disc.radius > tip_radius]
-    return object_markers([d._replace(radius=d.radius - tip_radius) if isinstance(d, Disc) else d for d in seen])
-
-
-def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:
-    """The last place on the surface with the force of the tip there; none without contact."""
-    if contour is None:
-        return []
-    at, force = contour.surface[-1], contour.force[-1]
-    arrow = places([at - force_scale * force, at], _ABOVE)
-    dot = Primitive('tip', 'dot', places([at], _ABOVE), FOUND, 0.006)
-    return [dot, Primitive('tip', 'arrow', arrow, FOUND, 0.003)]

@@ -1,9 +1,9 @@
 """One calibration as the node `calibrator` orders it, done in a process of its own.
 
 Such a process can be ended at any time by SIGTERM, gives all its memory back, and leaves the node free to answer. Its
-order is its argument; it writes news and the reply to its output, one JSON object per line:
+order is its argument; it writes the reply to its output, a JSON object in one line, and empty lines before, by which it
+notices that the node has gone:
 
-    {"progress": {"step": "fitting 72 touches", "part": 0.3}}
     {"reply": {"folder": "/results", "note": ""}}    the result is in the files of this folder; what was kept of another
     {"error": "…"}                                   there is no result; one line
 """
@@ -55,12 +55,12 @@ class Job(NamedTuple):
     publish_unfit: bool
 
 
-def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
+def do(job: Job, check: Callable[[], None]) -> dict[str, str]:
     """Calibrates and writes the files.
 
     Args:
         job: what to calibrate.
-        progress: called with each step and the part of the work that is done, 0 to 1.
+        check: called with each step; may end the work.
 
     Returns:
         `folder` of the files, and `note`: what was kept of an earlier result, empty if nothing.
@@ -71,22 +71,15 @@ def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
     from scara_kinetostatic.pipeline import calibrate_files
     from scara_kinetostatic.results.write import write_results
 
-    has_read = False
-
-    def over_all_steps(step: str, part: float) -> None:  # of reading, then of fitting, each from 0 to 1
-        nonlocal has_read
-        progress(step, 0.3 + 0.5 * part if has_read else 0.3 * part)
-        has_read = has_read or part >= 1.0
-
     outcome = calibrate_files(
         job.recordings,
         Path(job.cell) if job.cell else None,
         job.fixed,
         job.left_out,
         options=('the parameter cell', 'parameter fixed:', 'parameter leave_out'),
-        progress=over_all_steps,
+        progress=lambda *_: check(),
     )
-    progress('writing the results', 0.8)
+    check()
     aside = outcome.assessment.grade.value == UNFIT and not job.publish_unfit
     folder = Path(job.output) / (UNFIT if aside else '')
     return {'folder': str(folder.absolute()), 'note': write_results(outcome, folder).note}
@@ -107,28 +100,28 @@ class CalibrationProcess:
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
         )
-        assert self._process.stdout is not None
-        self._stdout, self._said = self._process.stdout, b''
-        os.set_blocking(self._stdout.fileno(), False)
         self._cancelled_at: float | None = None
 
     def poll(self) -> dict[str, Any] | None:
-        """The latest news, without waiting; None where nothing is new.
+        """The reply, without waiting; None while it calibrates.
 
         Returns:
-            As the process writes them; `cancelled` or `error` with the reason where it ended without a reply.
+            As the process writes it; `cancelled` or `error` with the reason where it ended without one.
         """
         if self._cancelled_at is not None and monotonic() > self._cancelled_at + PATIENCE:
             self._process.kill()
-        new = self._stdout.read()  # None where there is nothing yet, empty where it has ended
-        *lines, self._said = (self._said + (new or b'')).split(b'\n')
-        news: dict[str, Any] | None = None
-        for line in lines:
-            news = json.loads(line)
-            if 'progress' not in news:
-                self._finish()
-                return news
-        return self._ended() if new == b'' else news
+        status = self._process.poll()
+        if status is None:
+            return None
+        said = self._process.communicate()[0].strip()
+        if said:
+            reply: dict[str, Any] = json.loads(said)
+            return reply
+        if self._cancelled_at is not None:
+            return {'cancelled': 'cancelled; earlier results are unchanged'}
+        if status == -signal.SIGKILL:
+            return {'error': 'the calibration was killed (SIGKILL); has the memory run out?'}
+        return {'error': f'the calibration ended with status {status} and without a reply; see what the node prints'}
 
     def cancel(self) -> None:
         """Tells the process to end; `poll` says when it has. What it was writing is taken back."""
@@ -136,28 +129,13 @@ class CalibrationProcess:
         self._process.send_signal(signal.SIGTERM)
 
     def close(self) -> None:
-        """Ends the process and waits for that."""
+        """Ends the process, by SIGKILL if need be, and waits for that."""
         self.cancel()
-        self._finish()
-
-    def _finish(self) -> int:
-        """The exit status, when the process has ended, by SIGKILL if need be."""
         try:
-            self._process.wait(PATIENCE)
+            self._process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            self._process.wait()
-        self._stdout.close()
-        return self._process.returncode
-
-    def _ended(self) -> dict[str, str]:
-        """Why the process ended without a reply."""
-        status = self._finish()
-        if self._cancelled_at is not None:
-            return {'cancelled': 'cancelled; earlier results are unchanged'}
-        if status == -signal.SIGKILL:
-            return {'error': 'the calibration was killed (SIGKILL); has the memory run out?'}
-        return {'error': f'the calibration ended with status {status} and without a reply; see what the node prints'}
+            self._process.communicate()
 
 
 def main() -> None:
@@ -166,17 +144,17 @@ def main() -> None:
     output = os.fdopen(os.dup(sys.stdout.fileno()), 'w', encoding='utf-8')
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no reply
 
-    def send(kind: str, value: object) -> None:
-        output.write(json.dumps({kind: value}) + '\n')
+    def send(**said: object) -> None:
+        output.write(f'{json.dumps(said) if said else ""}\n')
         output.flush()
 
     try:
         job = Job(**json.loads(sys.argv[1]))
-        send('reply', do(job, lambda step, part: send('progress', {'step': step, 'part': part})))
+        send(reply=do(job, send))
     except ScaraKinetostaticError as error:
-        send('error', str(error))
+        send(error=str(error))
     except (KeyboardInterrupt, BrokenPipeError):  # told to end, or the node has gone
         os._exit(1)
     except Exception as error:  # the node says so and stays up
         traceback.print_exc()
-        send('error', one_line(f'internal error: {type(error).__name__}: {error}'))
+        send(error=one_line(f'internal error: {type(error).__name__}: {error}'))

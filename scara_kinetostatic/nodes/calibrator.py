@@ -18,9 +18,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_msgs.msg import String
@@ -43,73 +42,6 @@ _RESULT = {
 """Description of the parameters of a result."""
 
 
-class ResultParameters:
-    """Holds the parameters of the node and guards them.
-
-    In `rclpy` not even its own node may change a parameter declared read-only. So these are ordinary ones with a
-    callback that accepts what `publish` sets, and rejects the rest.
-
-    Args:
-        node: whose parameters they are. One thread spins it. Values given at its start (`--params-file`) are taken
-            over.
-
-    Attributes:
-        facts: what the present result is made from and worth, by the names of `FACTS`, as far as it says so.
-
-    Raises:
-        InvalidParameterTypeException: such a value has another type.
-        ParameterError: a parameter of the base model is not finite.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._node, given = node, node._parameter_overrides
-        self._writing = False
-        for full in _RESULT.keys() & given.keys():
-            self._declare(full)
-            if full.startswith('calibrated.') and not math.isfinite(given[full].value):
-                raise ParameterError(f'parameter {full}', f'expected a finite number, got {given[full].value}')
-        stated = {name: given.get(f'{GROUP}.{name}') for name in FACTS}
-        self.facts: dict[str, Any] = {name: each.value for name, each in stated.items() if each is not None}
-        for name, value in self.facts.items():
-            kind, meaning = FACTS[name]
-            if not isinstance(value, kind) or (isinstance(value, list) and not all(isinstance(v, str) for v in value)):
-                raise ParameterError(f'parameter {GROUP}.{name}', f'expected {meaning}, got {value!r:.40}')
-        node.add_on_set_parameters_callback(self._guard)
-
-    @property
-    def exist(self) -> bool:
-        """Whether there is a result."""
-        return bool(self._node.has_parameter('calibrated.l1'))
-
-    def publish(self, result: StoredResult) -> None:
-        """Sets all of them at once; those that the result has not, as of gravity, are removed."""
-        named: dict[str, float] = {}
-        for start, numbers in (('calibrated', result.values), ('calibrated_std', result.deviations)):
-            named |= {f'{start}.{name}': value for name, value in zip(UNITS, numbers, strict=False)}  # s1 and s2 or not
-        self.facts, self._writing = dict(result.facts), True
-        try:
-            for full in _RESULT:
-                if full in named and not self._node.has_parameter(full):
-                    self._declare(full)
-                elif full not in named and self._node.has_parameter(full):
-                    self._node.undeclare_parameter(full)
-            self._node.set_parameters_atomically([Parameter(full, value=value) for full, value in named.items()])
-        finally:
-            self._writing = False
-
-    def _declare(self, full: str) -> None:
-        fixed = 'read-only, the result of ~/calibrate'
-        descriptor = ParameterDescriptor(description=_RESULT[full], additional_constraints=fixed)
-        self._node.declare_parameter(full, Parameter.Type.DOUBLE, descriptor)
-
-    def _guard(self, parameters: list[Parameter]) -> SetParametersResult:
-        taken = [each.name for each in parameters if each.name in _RESULT]
-        if taken and not self._writing:
-            reason = f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'
-            return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
-
-
 class Calibrator(CellNode):
     """Calibrates on request. One thread spins it.
 
@@ -120,17 +52,16 @@ class Calibrator(CellNode):
     def __init__(self) -> None:
         super().__init__('calibrator')
         self._announced = ''
-        self._results = ResultParameters(self)
+        self._facts = self._given_facts()
+        self._writing = False
         self._process: CalibrationProcess | None = None
-        self._part = 0.0
         self._ended = Future()
         self._condition = Condition(OK, 'no calibration yet', {})
-        if self._results.exist:
-            self._condition = _condition(self._results.facts, f'{self._present()}: loaded from a parameter file')
+        if self._has_result:
+            self._condition = _condition(self._facts, f'{self._present()}: loaded from a parameter file')
             self.say(self._condition.level, self._condition.message)
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
-        self._progress = self.create_publisher(String, '~/progress', LATCHED)
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/calibrate', self._calibrate, qos_profile=CALLS, callback_group=group)
         self.create_service(Trigger, '~/cancel', self._cancel, qos_profile=CALLS, callback_group=group)
@@ -138,6 +69,57 @@ class Calibrator(CellNode):
         self._timer.cancel()
         self.publish_status('calibration', self._report)
         self.get_logger().info(f'ready; call {self.resolve_service_name("~/calibrate")}')
+
+    def _given_facts(self) -> dict[str, Any]:
+        """What the result in a parameter file is made from and worth, by the names of `FACTS`, as far as it says so.
+
+        Raises:
+            InvalidParameterTypeException: a parameter has another type.
+            ParameterError: so has a fact, or a parameter of the base model is not finite.
+        """
+        given = self._parameter_overrides
+        self._writing = True
+        for full in _RESULT.keys() & given.keys():
+            self._declare_result(full)
+            if full.startswith('calibrated.') and not math.isfinite(given[full].value):
+                raise ParameterError(f'parameter {full}', f'expected a finite number, got {given[full].value}')
+        found = {name: given[f'{GROUP}.{name}'].value for name in FACTS if f'{GROUP}.{name}' in given}
+        for name, value in found.items():
+            kind, meaning = FACTS[name]
+            if not isinstance(value, kind) or (isinstance(value, list) and not all(isinstance(v, str) for v in value)):
+                raise ParameterError(f'parameter {GROUP}.{name}', f'expected {meaning}, got {value!r:.40}')
+        return found
+
+    @property
+    def _has_result(self) -> bool:
+        return bool(self.has_parameter('calibrated.l1'))
+
+    def _publish_parameters(self, result: StoredResult) -> None:
+        """Sets all of them at once; those that the result has not, as of gravity, are removed."""
+        named: dict[str, float] = {}
+        for start, numbers in (('calibrated', result.values), ('calibrated_std', result.deviations)):
+            named |= {f'{start}.{name}': value for name, value in zip(UNITS, numbers, strict=False)}  # s1 and s2 or not
+        self._facts, self._writing = dict(result.facts), True
+        try:
+            for full in _RESULT:
+                if full in named and not self.has_parameter(full):
+                    self._declare_result(full)
+                elif full not in named and self.has_parameter(full):
+                    self.undeclare_parameter(full)
+            self.set_parameters_atomically([Parameter(full, value=value) for full, value in named.items()])
+        finally:
+            self._writing = False
+
+    def _declare_result(self, full: str) -> None:
+        fixed = 'read-only, the result of ~/calibrate'
+        descriptor = ParameterDescriptor(description=_RESULT[full], additional_constraints=fixed)
+        self.declare_parameter(full, Parameter.Type.DOUBLE, descriptor)
+
+    def _check(self, name: str, value: Any) -> None:
+        """In `rclpy` not even its own node may change a parameter declared read-only: the result is guarded here."""
+        if name in _RESULT and not self._writing:
+            raise ParameterError(f'parameter {name}', 'is read-only, the result of a calibration', 'call ~/calibrate')
+        super()._check(name, value)
 
     def close(self) -> None:
         """Ends a calibration that is running; results are written all or nothing."""
@@ -152,16 +134,15 @@ class Calibrator(CellNode):
         if self._process is not None:
             response.message = 'a calibration is running already; call again when it is done, or ~/cancel'
             return response
-        former, self._part = self._condition, 0.0
+        former = self._condition
         try:
             job = self._job()
             self._ended, self._process = Future(), CalibrationProcess(job)
-            self._show(f'starting, {", ".join(job.recordings)}', 0.0)
+            self._condition = Condition(OK, f'calibrating from {", ".join(job.recordings)}', {})
             self._timer.reset()
             ended = await self._ended
             if 'cancelled' in ended:
                 response.message, self._condition = ended['cancelled'], former
-                self._tell('cancelled', response.message, self._part)
                 self.get_logger().warning(response.message)
             elif 'error' in ended:
                 raise RefusedError(ended['error'])
@@ -171,7 +152,6 @@ class Calibrator(CellNode):
         except (ScaraKinetostaticError, OSError) as error:  # OSError: no process can be made
             response.message = str(error)
             self._condition = Condition(ERROR, response.message, {})
-            self._tell('failed', response.message, self._part)
             self.get_logger().error(response.message)
         return response
 
@@ -224,26 +204,15 @@ class Calibrator(CellNode):
         return named or [self._announced]
 
     def _poll(self) -> None:
-        """Looks what the running calibration does."""
-        news = None if self._process is None else self._process.poll()
-        if news is not None and 'progress' in news:
-            self._show(**news['progress'])
-        elif news is not None:
-            self._end(news)
+        """Looks whether the running calibration has ended."""
+        ended = None if self._process is None else self._process.poll()
+        if ended is not None:
+            self._end(ended)
 
     def _end(self, ended: dict[str, Any]) -> None:
         self._timer.cancel()
         self._process = None
         self._ended.set_result(ended)
-
-    def _show(self, step: str, part: float) -> None:
-        self._part = part
-        self._condition = Condition(OK, f'calibrating: {step}', {'progress': f'{100 * part:.0f} %'})
-        self._tell('running', step, part)
-
-    def _tell(self, state: str, message: str, part: float) -> None:
-        """Publishes on `~/progress`."""
-        self._progress.publish(String(data=json.dumps({'state': state, 'message': message, 'part': part})))
 
     def _take(self, folder: Path, note: str, job: Job) -> tuple[bool, str]:
         """Publishes the result of a job, by the rules with which it was begun.
@@ -264,25 +233,24 @@ class Calibrator(CellNode):
         own = {'published': published, 'message': message, 'files': {'folder': str(folder.absolute())}}
         text = json.dumps(_summary(read_document(folder / calibration_json.NAME)) | own, ensure_ascii=False)
         if published:
-            self._results.publish(stored)
+            self._publish_parameters(stored)
         self._condition = _condition(facts, message, published)
         self.say(self._condition.level, message)
         self._result.publish(String(data=text))
         for warning in facts['warnings']:
             self.get_logger().warning(warning)
-        self._tell('done', message, 1.0)
         return is_fit, message
 
     def _present(self) -> str:
         """The grade of the present result, when and from what it was calculated, as far as it says so."""
-        facts = self._results.facts
+        facts = self._facts
         parts = [f'of {facts["created"]}'] if facts.get('created') else []
         parts += [f'from {", ".join(facts["recordings"])}'] if facts.get('recordings') else []
         return f'{facts.get("assessment") or "not assessed"}, {", ".join(parts) or "of unknown origin"}'
 
     def _report(self) -> Condition:
         """The status, with what the present parameters are."""
-        present = self._present() if self._results.exist else 'none'
+        present = self._present() if self._has_result else 'none'
         return self._condition._replace(values=self._condition.values | {'present result': present})
 
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from time import sleep
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -66,13 +67,11 @@ class CellNode(Node):
     """A node that declares its parameters, those of `parameters.yaml`, and says how it is.
 
     Attributes:
-        executor_type: of the executor that spins it.
         rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
             takes all waiting messages of a topic at once needs less time if several are waiting.
         exit_status: set by a node that has done what it had to, and ends; also by `close`.
     """
 
-    executor_type: type[Executor] = SingleThreadedExecutor
     rest = 0.0
     exit_status: int | None = None
 
@@ -165,6 +164,11 @@ class CellNode(Node):
         """The plane of the arm, with the parameter `frame_prefix` before the name of its frame."""
         return cell.plane._replace(frame=self.value('frame_prefix') + cell.plane.frame)
 
+    def spin(self, executor: Executor) -> None:
+        """One round of the executor; 0.2 s are the longest time from a signal to its effect."""
+        executor.spin_once(timeout_sec=0.2)
+        sleep(self.rest)
+
     def close(self) -> None:
         """Closes files and ends processes; called once, after the last callback has begun."""
 
@@ -199,15 +203,7 @@ class CellNode(Node):
         Args:
             tare: takes it as zero and returns it, (x, y), N; an error says why it cannot.
         """
-
-        def do() -> str:
-            try:
-                x, y = tare()
-            except ScaraKinetostaticError as error:
-                raise RefusedError(f'not tared: {error}') from error
-            return f'zero of the force: ({x:.4g}, {y:.4g}) N'
-
-        self.serve('tare', do)
+        self.serve('tare', lambda: 'zero of the force: ({:.4g}, {:.4g}) N'.format(*tare()))
 
     def say(self, level: bytes, message: str) -> None:
         """Logs a message at the level of a status."""
@@ -242,25 +238,14 @@ class CellNode(Node):
         return array
 
     def publish_status(self, title: str, examine: Callable[[], Condition]) -> None:
-        """Publishes the status of the node once a second; a second node of its name is a warning there and in the log.
+        """Publishes the status of the node once a second.
 
         Args:
             title: of the status, after the node's name.
             examine: returns the status.
         """
         publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        own = self.get_name(), self.get_namespace()
-        twin = f'another node is named {self.get_fully_qualified_name()} (one that was killed counts for 20 s): end one'
-
-        def publish() -> None:
-            condition = examine()
-            if self.get_node_names_and_namespaces().count(own) > 1:
-                self.get_logger().warning(twin, **LASTING)
-                level, message = max(condition.level, WARN), f'{twin}; {condition.message}'
-                condition = condition._replace(level=level, message=message)
-            publisher.publish(self.status(title, *condition))
-
-        self.every(1.0, publish)
+        self.every(1.0, lambda: publisher.publish(self.status(title, *examine())))
 
 
 Calibration = TypeVar('Calibration', CalibratedArm, CalibrationRecord)

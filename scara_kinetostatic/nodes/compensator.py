@@ -22,98 +22,136 @@ not tared is said on `/diagnostics`; without a recent force or a calibration tha
 from __future__ import annotations
 
 from collections import Counter, deque
-from itertools import islice
 from math import hypot, isfinite, nan, pi
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from rclpy.executors import Executor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError, one_line
-from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.arm import CalibratedArm, JointAngles
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
+from scara_kinetostatic.model.online import MotionSense, OnlineArm
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, planar
-from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
+from scara_kinetostatic.nodes.conversion import UnusableMessageError, planar
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, waiting
 from scara_kinetostatic.planning.motion import Space
 
 _SURE = ('ok', 'unloaded')
 
 
-class FollowedTip:
-    """What the node knows of the arm: the calibration in use, the last samples, the zero of the force.
+class Compensator(CellNode):
+    """Follows the tip.
 
-    Args:
-        cell: whose joints and sensor the messages are of.
-        timeout: age beyond which a sample is stale, s.
-        force_noise: standard deviation of one force of the stream, N; 0 for that of a touch.
-
-    Attributes:
-        assumptions: what is taken of what no message says; empty if nothing is.
+    Raises:
+        InputError: a parameter, the cell or the calibration is not valid.
     """
 
-    def __init__(self, cell: Cell, timeout: float, force_noise: float) -> None:
-        self.cell, self.timeout, self._noise = cell, timeout, force_noise
-        self.online: OnlineArm | None = None
-        self.statuses: Counter[str] = Counter()
-        self.zero: tuple[float, float] | None = None
-        self.assumptions = ''
-        self._joints: tuple[float, float, float] | None = None
-        self._others = {cell.lift.joint: cell.lift.down} if cell.lift else {}
-        self._forces: deque[tuple[float, float, float]] = deque(maxlen=5000)
-        self._needs_metadata = False
-        self._motion = MotionSense()
-        self._approach = (0.0, 0.0)
+    rest = 0.0003
 
-    def use(self, arm: CalibratedArm) -> None:
-        """Takes another calibration from the next sample on.
+    def __init__(self) -> None:
+        super().__init__('compensator')
+        self._calibration = FollowedArm(self, self._use)
+        self._cell = cell = self._calibration.cell
+        self._plane, self._timeout = self.plane_of(cell), self.value('timeout')
+        self._online: OnlineArm | None = None
+        self._statuses: Counter[str] = Counter()  # of the poses since the last report
+        self._zero: tuple[float, float] | None = None
+        self._joints: tuple[float, float, float] | None = None  # the last, and when it came
+        self._forces: deque[tuple[float, float, float]] = deque(maxlen=5000)
+        self._others = {cell.lift.joint: cell.lift.down} if cell.lift else {}
+        self._motion, self._approach, self._needs_metadata = MotionSense(), (0.0, 0.0), False
+        self._answered, self._answer_problem = 'none', ''
+        self._streams = CellStreams(self, cell, self._turned)
+        self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
+        self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
+        self._status = self.create_publisher(DiagnosticArray, '~/answer', 10)
+        # samples that a busy machine has let wait are left out; matches every publisher
+        newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
+        joints, force = cell.sensor[:2]
+        self._joint_states = self.create_subscription(JointState, joints, self._take_joints, newest, raw=True)
+        self._wrenches = self.create_subscription(WrenchStamped, force, self._take_wrench, newest, raw=True)
+        self.create_subscription(MultiDOFJointState, '~/compensate', self._answer, 10)
+        self.serve_tare(self._tare)
+        self.publish_status('tip', self._report)
+        self._calibration.start()
+
+    def _use(self, arm: CalibratedArm) -> None:
+        """Takes a calibration from the next sample on.
 
         Raises:
             ParameterError: it cannot be followed.
         """
-        noise = arm.noise._replace(force=self._noise) if self._noise else arm.noise
-        online = OnlineArm(arm, noise)
-        if self.online is not None:
-            online.follow_on(self.online)
-        predictor = online.predictor
+        stated = self.value('force_noise')
+        online = OnlineArm(arm, arm.noise._replace(force=stated) if stated else arm.noise)
+        if self._online is not None:
+            online.follow_on(self._online)
+        self._online, predictor = online, online.predictor
         self._needs_metadata = bool(predictor.effects_of('approach')) or predictor.depends_on_time
-        self.assumptions = predictor.assumptions
-        self.online = online
+        if predictor.assumptions:
+            self.get_logger().warning(predictor.assumptions)
 
-    def take_wrench(self, sample: Sample) -> None:
-        """A force as the sensor reports it, in the frame of the cell description."""
-        sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-        self._forces.append((sign * sample.first, sign * sample.second, monotonic()))
+    def _turned(self, _: bytes, anew: bool) -> None:
+        """Fixed transforms turn the forces otherwise from here on: the zero was that of other components."""
+        if anew:
+            if self._zero is not None:
+                self.get_logger().warning('the forces are turned otherwise from here on: call ~/tare again')
+            self._zero = None
+            self._forces.clear()
 
-    def take_joints(self, sample: Sample) -> OnlinePosition | None:
-        """Joint angles, and where the tip is with them; None without a calibration or a recent force."""
-        now = monotonic()
-        self._joints = sample.first, sample.second, now
-        others = zip(self.cell.other_joints, sample.others, strict=False)
+    def spin(self, executor: Executor) -> None:
+        """Looks for joint states again and again: a round of the executor, for all else, takes as long as a sample."""
+        executor.spin_once(timeout_sec=0)
+        for _ in range(40):
+            for message, _ in waiting(self._joint_states):
+                self._take_joints(message)
+            sleep(self.rest)
+
+    def _take_wrench(self, message: bytes) -> None:
+        if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
+            sign = -1.0 if self._cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+            self._forces.append((sign * sample.first, sign * sample.second, monotonic()))
+
+    def _take_joints(self, message: bytes) -> None:
+        """Publishes where the tip is, by the last force that has come; the diagnostics say why there is no pose."""
+        for wrench, _ in waiting(self._wrenches):
+            self._take_wrench(wrench)
+        if (sample := self._streams.sample(Stream.JOINTS, message)) is None:
+            return
+        q1, q2, now = sample.first, sample.second, monotonic()
+        self._joints = q1, q2, now
+        others = zip(self._cell.other_joints, sample.others, strict=False)
         self._others |= {name: at for name, at in others if isfinite(at)}
         if self._needs_metadata:
-            self._approach = self._motion.note(sample.first, sample.second)
-        if self.online is None or not self._forces or now - self._forces[-1][2] > self.timeout:
-            return None
-        q1, q2, (zero_x, zero_y), (fx, fy, _) = *sample[1:3], self.zero or (0.0, 0.0), self._forces[-1]
-        force = self.online.true_force(q1, q2, fx - zero_x, fy - zero_y)
-        found = self.online.locate(q1, q2, *force, self._metadata())
-        self.statuses[found.status] += 1
-        return found
+            self._approach = self._motion.note(q1, q2)
+        if self._online is None or not self._forces or now - self._forces[-1][2] > self._timeout:
+            return
+        (zero_x, zero_y), (fx, fy, _) = self._zero or (0.0, 0.0), self._forces[-1]
+        force = self._online.true_force(q1, q2, fx - zero_x, fy - zero_y)
+        found = self._online.locate(q1, q2, *force, self._metadata())
+        self._statuses[found.status] += 1
+        if isfinite(found.x):
+            stamp, place = sample.stamp_ns or self.now(), (found.x, found.y, found.yaw)
+            self._pose.publish(conversion.pose_bytes(stamp, self._plane, place, found.covariance))
 
-    def tare(self) -> tuple[float, float]:
+    def _metadata(self) -> TouchMetadata | None:
+        """Of the present pose, where the calibration asks for it."""
+        if not self._needs_metadata or self._online is None:
+            return None
+        time = np.array([self._online.arm.used.duration])
+        return TouchMetadata.plain(1)._replace(time=time, approach=np.array([self._approach]))
+
+    def _tare(self) -> tuple[float, float]:
         """Takes the mean of the last forces as zero; nothing must be touched.
 
         Raises:
@@ -124,157 +162,8 @@ class FollowedTip:
         if len(recent) < 3:
             raise UnsupportedDataError(f'{len(recent)} forces in the last 0.5 s')
         x, y = np.mean(recent, axis=0).tolist()
-        self.zero = x, y
-        return self.zero
-
-    def forget_forces(self) -> bool:
-        """Forgets forces and their zero, as where they are turned otherwise from here on; whether there was a zero."""
-        had, self.zero = self.zero is not None, None
-        self._forces.clear()
-        return had
-
-    def answer(
-        self, place: tuple[float, float], force: tuple[float, float], elbow: str
-    ) -> tuple[list[float], float, dict[str, Any]]:
-        """How the controller brings the tip to a wanted place, m, under a force, N.
-
-        Returns:
-            Readings of the two joints, rad, without a turn more than the present ones need, and the positions of the
-            other joints; the largest way of a joint, rad; and what is said on `~/answer`: readings, torques, Nm, in the
-            sense of the readings, standard uncertainty of the place along the force, m, status as of `JointAngles`.
-
-        Raises:
-            InputError: there is no calibration, or the tip must not or cannot be there.
-            UnsupportedDataError: there are no recent joint angles.
-        """
-        if self.online is None:
-            raise InputError('the calibration', 'there is none yet', 'set the parameter calibration, or calibrate')
-        if self._joints is None or monotonic() - self._joints[2] > self.timeout:
-            raise UnsupportedDataError('no recent joint angles')
-        present = np.array(self._joints[:2])
-        sides = {'left': 1, 'right': -1, 'present': int(posture(self.online.arm.model.parameters, present[None])[0])}
-        side = np.array([sides[elbow]])
-        metadata = self._metadata() or TouchMetadata.plain(1)
-        cell, wanted = self.cell, f'({place[0]:.4g}, {place[1]:.4g}) m'
-        # 0.1 mm deep in an object is on its surface still: as much as a force of some newtons displaces the tip
-        space = Space(cell, self.online.arm.model.parameters, -1e-4 - 3 * cell.surface_std)
-        if inside := space.object_at(np.array(place)):
-            raise InputError('the wanted pose', f'{wanted} is inside {inside}', 'wish for another')
-        found = self.online.predictor.compensate(np.array([place]), np.array([force]), side, metadata)
-        if not np.isfinite(found.joints).all():
-            raise InputError('the wanted pose', f'{wanted} is out of reach', 'wish for another')
-        low, high = np.full(2, -np.inf), np.full(2, np.inf)
-        if cell.limits is not None:
-            low, high = np.array(cell.limits).T
-        near = found.joints[0] + 2 * pi * np.round((present - found.joints[0]) / (2 * pi))
-        angles = cell.in_turn(near)
-        for name, sign, at, *limits in zip(cell.joint_names, cell.direction, angles, low, high, strict=True):
-            if not limits[0] <= at <= limits[1]:
-                least, most = sorted((sign * limits[0], sign * limits[1]))
-                problem = f'{wanted} needs {name} at {sign * at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
-                raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
-        others = self._others | dict(cell.hold)
-        (q1, q2), (c1, c2) = cell.readings(angles).tolist(), cell.in_sense(found.torques[0]).tolist()
-        values = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2}
-        values |= {'std_normal_m': float(found.std_normal[0]), 'status': str(found.status[0])}
-        return [q1, q2, *(others[name] for name in cell.other_joints)], float(np.abs(angles - present).max()), values
-
-    def report(self) -> tuple[list[str], dict[str, str]]:
-        """What is wrong with samples and poses since the last report, and the figures by name."""
-        now, statuses = monotonic(), self.statuses
-        self.statuses = Counter()
-        zero, wrench = self.zero or (0.0, 0.0), self._forces[-1] if self._forces else None
-        streams = {'joint angles': self._joints, 'forces': wrench}
-        complaints = [
-            f'no recent {name}' for name, last in streams.items() if last is None or now - last[2] > self.timeout
-        ]
-        complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in _SURE]
-        complaints += [] if self.zero else ['the force is not tared: call ~/tare while nothing is touched']
-        fx, fy, _ = wrench or (nan, nan, nan)
-        values = {
-            'force [N]': f'{hypot(fx - zero[0], fy - zero[1]):.4g}',
-            'zero of the force [N]': f'({zero[0]:.4g}, {zero[1]:.4g})' if self.zero else 'not tared',
-            **{f'poses: {name}': str(number) for name, number in statuses.items()},
-        }
-        return [*complaints, self.assumptions], values
-
-    def _metadata(self) -> TouchMetadata | None:
-        """Of the present pose, where the calibration asks for it."""
-        if not self._needs_metadata or self.online is None:
-            return None
-        time = np.array([self.online.arm.used.duration])
-        return TouchMetadata.plain(1)._replace(time=time, approach=np.array([self._approach]))
-
-
-class Compensator(CellNode):
-    """Follows the tip.
-
-    Raises:
-        InputError: a parameter, the cell or the calibration is not valid.
-    """
-
-    executor_type = PollingExecutor
-
-    def __init__(self) -> None:
-        super().__init__('compensator')
-        self._calibration = FollowedArm(self, self._use)
-        cell = self._calibration.cell
-        self._elbow, self._speed = self.value('elbow'), self.value('speed')
-        self._plane = self.plane_of(cell)
-        self._tip = FollowedTip(cell, self.value('timeout'), self.value('force_noise'))
-        self._answered, self._answer_problem = 'none', ''
-        self._polls = 0
-        self._streams = CellStreams(self, cell, self._turned)
-        self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
-        self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
-        self._status = self.create_publisher(DiagnosticArray, '~/answer', 10)
-        self._group = PolledGroup()
-        # samples that a busy machine has let wait are left out; matches every publisher
-        newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._wrenches = self._polled(WrenchStamped, cell.sensor.wrench, newest)
-        self.awaited = self._polled(JointState, cell.sensor.joint_states, newest)
-        self._requests = self._polled(MultiDOFJointState, '~/compensate', 10)
-        self.serve_tare(self._tip.tare)
-        self.publish_status('tip', self._report)
-        self._calibration.start()
-
-    def _use(self, arm: CalibratedArm) -> None:
-        """Takes a calibration from the next sample on."""
-        self._tip.use(arm)
-        if self._tip.assumptions:
-            self.get_logger().warning(self._tip.assumptions)
-
-    def _turned(self, _: bytes, anew: bool) -> None:
-        """Fixed transforms turn the forces otherwise from here on: the zero was that of other components."""
-        if anew and self._tip.forget_forces():
-            self.get_logger().warning('the forces are turned otherwise from here on: call ~/tare again')
-
-    def _polled(self, kind: type, topic: str, profile: QoSProfile | int) -> Subscription:
-        return self.create_subscription(kind, topic, lambda _: None, profile, callback_group=self._group, raw=True)
-
-    def poll(self) -> None:
-        """Takes what has come: wrenches first, so that a joint state goes with the last force before it.
-
-        One joint state: where more have come, the next wait ends at once. Requests come with every eighth call.
-        """
-        for message, _ in waiting(self._wrenches):
-            if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
-                self._tip.take_wrench(sample)
-        for message, _ in islice(waiting(self.awaited), 1):
-            if (sample := self._streams.sample(Stream.JOINTS, message)) is not None:
-                self._take_joints(sample)
-        self._polls += 1
-        for message, _ in waiting(self._requests) if self._polls % 8 == 0 else ():
-            self._answer(deserialize_message(message, MultiDOFJointState))
-
-    def _take_joints(self, sample: Sample) -> None:
-        """Publishes where the tip is; the diagnostics say why there is no pose."""
-        found = self._tip.take_joints(sample)
-        if found is None or not isfinite(found.x):
-            return
-        stamp = sample.stamp_ns or self.now()
-        place = found.x, found.y, found.yaw
-        self._pose.publish(conversion.pose_bytes(stamp, self._plane, place, found.covariance))
+        self._zero = x, y
+        return self._zero
 
     def _of_request(self, request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:
         """Place and force of a request.
@@ -290,36 +179,88 @@ class Compensator(CellNode):
         place = planar(request.transforms[0].translation, self._plane, is_place=True)
         return place, planar(request.wrench[0].force, self._plane, is_place=False)
 
+    def _angles_for(self, place: tuple[float, float], force: tuple[float, float]) -> tuple[Floats, JointAngles]:
+        """How the tip comes to a wanted place, m, under a force, N.
+
+        Returns:
+            Angles of the two joints, (2,), rad, without a turn more than the present ones need; and what was found.
+
+        Raises:
+            InputError: there is no calibration, or the tip must not or cannot be there.
+            UnsupportedDataError: there are no recent joint angles.
+        """
+        if self._online is None:
+            raise InputError('the calibration', 'there is none yet', 'set the parameter calibration, or calibrate')
+        if self._joints is None or monotonic() - self._joints[2] > self._timeout:
+            raise UnsupportedDataError('no recent joint angles')
+        cell, parameters, present = self._cell, self._online.arm.model.parameters, np.array(self._joints[:2])
+        sides = {'left': 1, 'right': -1, 'present': int(posture(parameters, present[None])[0])}
+        wanted = f'({place[0]:.4g}, {place[1]:.4g}) m'
+        # 0.1 mm deep in an object is on its surface still: as much as a force of some newtons displaces the tip
+        if inside := Space(cell, parameters, -1e-4 - 3 * cell.surface_std).object_at(np.array(place)):
+            raise InputError('the wanted pose', f'{wanted} is inside {inside}', 'wish for another')
+        side, metadata = np.array([sides[self.value('elbow')]]), self._metadata() or TouchMetadata.plain(1)
+        found = self._online.predictor.compensate(np.array([place]), np.array([force]), side, metadata)
+        if not np.isfinite(found.joints).all():
+            raise InputError('the wanted pose', f'{wanted} is out of reach', 'wish for another')
+        angles = cell.in_turn(found.joints[0] + 2 * pi * np.round((present - found.joints[0]) / (2 * pi)))
+        if (beyond := cell.beyond_limits(angles)).any():
+            problem = f'{wanted} is beyond the limits of {cell.joint_names[int(beyond.argmax())]} (robot.limits)'
+            raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
+        return angles, found
+
     def _answer(self, request: MultiDOFJointState) -> None:
         """Answers a request; of one that is refused only its status is published."""
-        values: dict[str, object] = {'elbow': self._elbow}
+        values: dict[str, object] = {'elbow': self.value('elbow')}
         try:
             place, force = self._of_request(request)
             values |= {'x_m': place[0], 'y_m': place[1], 'fx_N': force[0], 'fy_N': force[1]}
-            joints, move, found = self._tip.answer(place, force, self._elbow)
+            angles, found = self._angles_for(place, force)
         except (UnusableMessageError, ScaraKinetostaticError) as error:
             self._answer_problem = one_line(f'~/compensate is not answered: {error}')
             self.get_logger().warning(self._answer_problem)
             self._publish_answer(request, ERROR, self._answer_problem, values | {'status': 'refused'})
             return
-        cell, duration = self._tip.cell, max(0.05, move / self._speed)  # controllers refuse points in the past
-        names, status = (*cell.joint_names, *cell.other_joints), found['status']
-        self._trajectory.publish(conversion.joint_trajectory(names, [duration], [joints]))
+        cell, status = self._cell, str(found.status[0])
+        move = np.abs(angles - self._joints[:2]).max() if self._joints else 0.0
+        joints, torques = cell.readings(angles).tolist(), cell.in_sense(found.torques[0]).tolist()
+        values |= zip(('q1_rad', 'q2_rad', 'c1_Nm', 'c2_Nm'), joints + torques, strict=True)
+        values |= {'std_normal_m': float(found.std_normal[0]), 'status': status}
+        others = self._others | dict(cell.hold)
+        positions = joints + [others[name] for name in cell.other_joints]
+        duration = max(0.05, move / self.value('speed'))  # controllers refuse points in the past
+        names = *cell.joint_names, *cell.other_joints
+        self._trajectory.publish(conversion.joint_trajectory(names, [duration], [positions]))
         where = f'({place[0]:.6f}, {place[1]:.6f}) m under ({force[0]:.4g}, {force[1]:.4g}) N'
         self._answered = f'{where}: ({joints[0]:.6f}, {joints[1]:.6f}) rad, {status}'
         is_sure = status in _SURE
         self._answer_problem = '' if is_sure else f'the last answer is {status}: {self._answered}'
-        self._publish_answer(request, OK if is_sure else WARN, self._answered, values | found)
+        self._publish_answer(request, OK if is_sure else WARN, self._answered, values)
 
     def _publish_answer(self, request: Any, level: bytes, message: str, values: dict[str, object]) -> None:
         """Publishes the status of an answer, with the header of the request."""
-        array = conversion.diagnostic(f'{self.get_fully_qualified_name()}: answer', level, message, values)
+        array = self.status('answer', level, message, values)
         array.header = request.header
         self._status.publish(array)
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
         complaints, heard = self._streams.examine()
-        missing, figures = self._tip.report()
-        values = {'last answer': self._answered, **figures, **heard}
-        return self._calibration.condition([*complaints, *missing, self._answer_problem], values, 'following the tip')
+        now, statuses = monotonic(), self._statuses
+        self._statuses = Counter()
+        zero, wrench = self._zero or (0.0, 0.0), self._forces[-1] if self._forces else None
+        for name, last in (('joint angles', self._joints), ('forces', wrench)):
+            if last is None or now - last[2] > self._timeout:
+                complaints.append(f'no recent {name}')
+        complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in _SURE]
+        complaints += [] if self._zero else ['the force is not tared: call ~/tare while nothing is touched']
+        assumptions = '' if self._online is None else self._online.predictor.assumptions
+        fx, fy, _ = wrench or (nan, nan, nan)
+        values = {
+            'last answer': self._answered,
+            'force [N]': f'{hypot(fx - zero[0], fy - zero[1]):.4g}',
+            'zero of the force [N]': f'({zero[0]:.4g}, {zero[1]:.4g})' if self._zero else 'not tared',
+            **{f'poses: {name}': str(number) for name, number in statuses.items()},
+        }
+        found = [*complaints, assumptions, self._answer_problem]
+        return self._calibration.condition(found, values | heard, 'following the tip')

@@ -2,8 +2,8 @@
 
 What `scara-kinetostatic contour` works out of a recording, this node works out of the running streams: deflection and
 backlash are taken out by the calibrated model, the radius of the tip along the normal of its path. On `~/path` is the
-outline along which the tip slides or slid last, on `~/markers` all outlines with their uncertainty, the known objects,
-and the tip with its force; both are latched. What is farther back than 20 mm along the path does not change any more.
+outline along which the tip slides or slid last, latched. What is farther back than 20 mm along the path does not change
+any more.
 
 The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes;
 with another calibration the outlines begin anew. The zero of the force is that of the latest free motion; `~/tare`
@@ -18,14 +18,13 @@ from time import monotonic, time_ns
 
 import numpy as np
 from nav_msgs.msg import Path
-from visualization_msgs.msg import MarkerArray
 
-from scara_kinetostatic.contour.online import SECOND, OnlineContour, known_markers, outline_markers, tip_markers
+from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.result import NO_RADIUS, Outline, remarks_on
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import Sample, marker_array, path
+from scara_kinetostatic.nodes.conversion import Sample, path
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 
 
@@ -46,7 +45,6 @@ class ContourTracker(CellNode):
         self._online: OnlineContour | None = None
         self._next = self._felt = 0.0
         self._path = self.create_publisher(Path, '~/path', LATCHED)
-        self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._streams = CellStreams(self, cell, self._turned)
         self._streams.subscribe(self._take)
         self.serve('clear', self._clear)
@@ -57,7 +55,7 @@ class ContourTracker(CellNode):
 
     def _use(self, arm: CalibratedArm) -> None:
         """Takes a calibration; with another one than before the outlines begin anew."""
-        if self._online is not None and _is_same(arm, self._online.arm):
+        if self._online is not None and arm.created and arm.created == self._online.arm.created:
             return
         former = self._online
         self._online = OnlineContour(arm, self._cell.sensor, self._radius, self._cell.sensor.topics)
@@ -89,10 +87,6 @@ class ContourTracker(CellNode):
         online = self._calibrated()
         present = online.present
         self._path.publish(path(online.now, self._plane, [] if present is None else _places(present)))
-        scene = known_markers(self._cell.discs, online.tip_radius) + outline_markers(
-            online.outlines, self.value('uncertainty_scale')
-        )
-        self._markers.publish(marker_array(scene + tip_markers(online.contour, 0.002), self._plane))
 
     def _clear(self) -> str:
         online = self._calibrated()
@@ -128,12 +122,6 @@ class ContourTracker(CellNode):
         return self._calibration.condition(complaints, values | _figures(online), 'tracing')
 
 
-def _is_same(one: CalibratedArm, other: CalibratedArm) -> bool:
-    """Whether two calibrations are the same."""
-    same = one.created == other.created and one.model.names == other.model.names
-    return same and np.array_equal(one.model.as_array(), other.model.as_array())
-
-
 def _places(outline: Outline) -> list[tuple[float, float, float]]:
     """The nodes of an outline, with the angle of the direction in which it is run through, the object on its left."""
     ring = outline.ring
@@ -151,6 +139,7 @@ def _figures(online: OnlineContour) -> dict[str, str]:
     }
     if outline is not None:
         figures |= {'outline': 'closed' if outline.closed else 'open', 'length [mm]': f'{1e3 * outline.length:.1f}'}
+        figures['standard uncertainty [µm]'] = f'{1e6 * np.median(outline.std):.2g}'
     if contour is not None:
         figures['coefficient of friction'] = f'{contour.friction.coefficient:.3f} ± {contour.friction.std:.3f}'
     return figures

@@ -7,10 +7,9 @@ them) without a message object, which takes ten times as long.
 from __future__ import annotations
 
 import struct
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from math import atan2, cos, nan, sin
+from math import cos, nan, sin
 from pathlib import Path
 from time import time_ns
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs import msg as geometry
 from nav_msgs.msg import Path as PathMessage
+from numpy.typing import ArrayLike
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -29,13 +29,13 @@ from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fi
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.touch_table import COLUMNS
+from scara_kinetostatic.files.urdf import Colour
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.markers import Primitive
 from scara_kinetostatic.results.calibration_json import NAME
 from scara_kinetostatic.touches.streams import JointParts, UnjoinedError
 
@@ -198,14 +198,6 @@ def _axes(numbers: Sequence[float]) -> dict[str, float]:
     return dict(zip('xyzw', numbers, strict=False))
 
 
-def place_of(pose: Any, plane: Plane) -> tuple[float, float, float]:
-    """The inverse of `pose_stamped`: x, y, m, and the angle of the x axis, rad, of a `Pose` in the robot's frame."""
-    at, turn = pose.position, pose.orientation
-    x, y, z, w = turn.x, turn.y, turn.z, turn.w
-    ahead = plane.axes.T @ (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-    return *plane.in_plane(np.array([at.x, at.y, at.z]))[:2].tolist(), atan2(ahead[1], ahead[0])
-
-
 def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float]]) -> PathMessage:
     """A path in the plane, in the robot's frame.
 
@@ -365,40 +357,34 @@ def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
     )
 
 
-def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
-    """All primitives in the robot's frame; those of earlier messages on the topic vanish.
+def marker(
+    group: str, kind: int, points: ArrayLike, plane: Plane, colour: Colour, scale: tuple[float, float, float]
+) -> Marker:
+    """A marker in the plane, in the robot's frame.
+
+    Args:
+        group: its namespace; groups are shown and hidden together.
+        kind: as of `Marker`.
+        points: one point, (2,), or those of a line or an arrow, (n, 2), m.
+        plane: of the points.
+        colour: red, green, blue, opacity.
+        scale: as RViz takes it for this kind, m.
+    """
+    places = np.asarray(points, dtype=float)
+    is_line = places.ndim == 2
+    made = Marker(ns=group, type=kind, scale=geometry.Vector3(**_axes(scale)))
+    made.color = ColorRGBA(**dict(zip('rgba', colour, strict=True)))
+    made.pose = _pose(plane.in_robot(np.zeros(2) if is_line else places).tolist(), plane.quaternion)
+    made.points = [geometry.Point(**_axes(point)) for point in places.tolist()] if is_line else []
+    return made
+
+
+def marker_array(markers: Sequence[Marker], plane: Plane) -> MarkerArray:
+    """All of them, numbered; those of earlier messages on the topic vanish.
 
     Stamps are 0, for the latest transform: what is shown does not depend on clocks.
     """
-    array = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
-    array.markers[0].header.frame_id = plane.frame
-    numbers: Counter[str] = Counter()
-    for primitive in primitives:
-        marker = _marker(primitive, plane)
-        marker.header.frame_id = plane.frame
-        marker.id = numbers[primitive.group]
-        numbers[primitive.group] += 1
-        array.markers.append(marker)
+    array = MarkerArray(markers=[Marker(action=Marker.DELETEALL), *markers])
+    for number, each in enumerate(array.markers):
+        each.id, each.header.frame_id = number, plane.frame
     return array
-
-
-def _marker(primitive: Primitive, plane: Plane) -> Marker:
-    size, height = primitive.size, primitive.height or primitive.size
-    kind, scale = {  # what RViz takes each component of the scale for, by the type of the marker
-        'strip': (Marker.LINE_STRIP, (size, 0.0, 0.0)),
-        'cylinder': (Marker.CYLINDER, (size, size, height)),
-        'arrow': (Marker.ARROW, (size, 3.0 * size, 0.0)),  # tail, head; 0: length of the head as RViz takes it
-        'dot': (Marker.SPHERE, (size, size, height)),
-        'text': (Marker.TEXT_VIEW_FACING, (0.0, 0.0, size)),
-    }[primitive.shape]
-    red, green, blue, opacity = primitive.colour
-    marker = Marker(ns=primitive.group, type=kind, action=Marker.ADD, text=primitive.text)
-    marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
-    marker.scale = geometry.Vector3(**_axes(scale))
-    at: tuple[float, ...] = (0.0, 0.0, 0.0)
-    if primitive.shape in ('strip', 'arrow'):
-        marker.points = [geometry.Point(**_axes(point)) for point in primitive.points]
-    else:
-        at = primitive.points[0]
-    marker.pose = _pose(plane.in_robot(np.array(at)).tolist(), plane.quaternion)
-    return marker

@@ -2,8 +2,8 @@
 
 The touches are those that the collector judges, on `collector/touch`. The calibration is the file that the parameter
 `calibration` names, then each newer result of the calibrator that is in its parameters. Touches that were
-part of the calibration do not count, later ones of the same recording do; one that is discarded is taken back. The
-state is on `/diagnostics` and, as JSON, on `~/drift`; `~/reset` begins anew.
+part of the calibration do not count, later ones of the same recording do. The state is on `/diagnostics` and, as JSON,
+on `~/drift`; `~/reset` begins anew.
 
 `~/touch` does not say the load before a touch, and the time since the robot was switched on is not known: effects that
 depend on them are taken as `Predictor.assumptions` says, and the node says so.
@@ -21,7 +21,6 @@ from std_msgs.msg import String
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
-from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
 from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in
@@ -42,7 +41,7 @@ class Monitor(CellNode):
         super().__init__('monitor')
         self._monitor: DriftMonitor | None = None
         self._problem = self._assumptions = self._rejection = ''
-        self._kept: dict[tuple[str, str], tuple[Measured, int]] = {}  # by recording and number; with the disc
+        self._kept: dict[tuple[str, str], None] = {}  # recording and number, in the order of time
         self._ignored = self._rejected = 0
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
         self._calibration = FollowedCalibration(self, CalibrationRecord.load, _of_result, self._take)
@@ -70,11 +69,8 @@ class Monitor(CellNode):
             if values.get('accepted') == 'true':
                 self._rejected = 0
                 self._add(key, values)
-                continue
-            if values.get('discarded') != 'true':
+            else:
                 self._rejected, self._rejection = self._rejected + 1, values.get('reason', '')
-            if self._kept.pop(key, None) is not None:
-                self._count_again()
         self._tell()
 
     def _add(self, key: tuple[str, str], values: Mapping[str, str]) -> None:
@@ -88,15 +84,13 @@ class Monitor(CellNode):
         before = monitor.copy()
         try:
             int(key[1])
-            touch = touch_of(values, monitor.record.arm)
-            kept = monitor.measure(touch), int(touch.disc[0])
-            alarm = monitor.add_measured(*kept)
+            alarm = monitor.add(touch_of(values, monitor.record.arm))
         except (KeyError, ValueError, ArithmeticError, ScaraKinetostaticError) as error:  # LinAlgError is a ValueError
             self._monitor, self._problem = before, f'touch {key[1]} cannot be evaluated: {error}'
             self.get_logger().warning(self._problem)
             return
         self._problem = ''
-        self._kept[key] = kept
+        self._kept[key] = None
         if alarm is not None and (before.alarm is None or alarm.best.name != before.alarm.best.name):
             self.get_logger().error(alarm_line(alarm, self._since(monitor)))
         while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew
@@ -106,14 +100,6 @@ class Monitor(CellNode):
         """The touch since which an alarm says that the calibration does not hold; None where it is no longer kept."""
         place = -1 if monitor.alarm is None else monitor.alarm.since - (monitor.count - len(self._kept))
         return SinceTouch(*list(self._kept)[place]) if 0 <= place < len(self._kept) else None
-
-    def _count_again(self) -> None:
-        """All touches that are kept, as where one of them was taken back."""
-        if self._monitor is None:
-            return
-        self._monitor.reset()
-        for number, kept in enumerate(self._kept.values(), 1):
-            self._monitor.add_measured(*kept, named=number == len(self._kept))
 
     def _reset(self) -> str:
         if self._monitor is None:

@@ -2,14 +2,13 @@
 
 The message on `~/touch` is a `diagnostic_msgs/DiagnosticArray` with one status: a standard type that carries a level, a
 sentence and values by name, and that every tool shows without the interfaces of this package. Its header stamp is the
-middle of the hold by the clock of the two streams. Level OK: accepted; WARN: rejected or discarded, with the reason.
+middle of the hold by the clock of the two streams. Level OK: accepted; WARN: rejected, with the reason.
 Values, in SI units, empty where unknown:
 
 ============= =========================================================================
 `recording`   folder of the recording
 `touch`       number of the touch in it, from 0
 `accepted`    `true` or `false`
-`discarded`   `true` or `false`: by `~/discard_last`
 `reason`      why it is not accepted
 `object`      the object touched
 `frame`       of the force: that of the sensor, `base` or `tool`
@@ -26,9 +25,7 @@ Values, in SI units, empty where unknown:
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import hypot
@@ -44,7 +41,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
 from scara_kinetostatic.nodes.streams import CellStreams, Stream
-from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, no_touches
+from scara_kinetostatic.touches.detection import Detection, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
 
@@ -59,7 +56,6 @@ class JudgedTouch(NamedTuple):
         force: on the object, in the frame of the sensor, (fx, fy), N; empty where unknown.
         joints: (q1, q2), rad; empty where unknown.
         approach: motion of each joint before the hold, then the part of it in contact, rad; empty where unknown.
-        received: when the wrench of that stamp was received, ns; 0 where unknown.
     """
 
     number: int
@@ -69,7 +65,6 @@ class JudgedTouch(NamedTuple):
     force: tuple[float, ...] = ()
     joints: tuple[float, ...] = ()
     approach: tuple[float, ...] = ()
-    received: int = 0
 
     @property
     def line(self) -> str:
@@ -92,7 +87,6 @@ class JudgedTouch(NamedTuple):
             'recording': recording,
             'touch': self.number,
             'accepted': str(not self.reason).lower(),
-            'discarded': str(self.reason == DISCARDED).lower(),
             'reason': self.reason,
             'object': self.object,
             'frame': frame,
@@ -135,7 +129,7 @@ class Session:
     Attributes:
         folder: the bag.
         touches: touches found and durably recorded.
-        rejected: the same of touches that were rejected or discarded.
+        rejected: the same of touches that were rejected.
         news: last touch, one line; empty before the first.
         latest: the touches reported last.
 
@@ -145,15 +139,13 @@ class Session:
 
     def __init__(self, parent: Path, cell: Cell, log_time: int, streams: CellStreams | None = None) -> None:
         self.touches = self.rejected = 0
-        self.news = ''
+        self.news = self._reason = ''
         topics = None if streams is None else streams.topics
         self.latest = Detection(no_touches())
         self._cell = cell
         self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
-        self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
-        self._judged: deque[Episode] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
         try:
             for message in streams.frame.messages if streams else ():
@@ -211,26 +203,6 @@ class Session:
             self._checkpoint()
         return found
 
-    def discard_last(self, log_time: int) -> JudgedTouch | None:
-        """Discards the last accepted touch that is not discarded yet; the bag says so when this returns.
-
-        Args:
-            log_time: now, ns.
-
-        Returns:
-            The touch with that reason; None where there is none.
-        """
-        if not self._accepted:
-            return None
-        touch = self._accepted.pop()
-        which = {'touch': touch.number, 'stamp': touch.stamp, 'received': touch.received}
-        self._writer.write_discard(json.dumps(which), log_time)
-        self.touches -= 1
-        self.rejected += 1
-        discarded = touch._replace(reason=DISCARDED)
-        self.news = discarded.line
-        return discarded
-
     def close(self) -> list[JudgedTouch]:
         """Completes the bag; a touch still under way counts.
 
@@ -269,12 +241,11 @@ class Session:
         return self._detector.clock_warning
 
     def rejections(self) -> str:
-        """How many of the last thousand touches are rejected and why, where they are many; else empty."""
-        rejected = [each for each in self._judged if each.reason]
-        if len(rejected) <= 0.2 * len(self._judged):
+        """How many of the touches are rejected and why, where they are many; else empty."""
+        total = self.touches + self.rejected
+        if 5 * self.rejected <= total:
             return ''
-        last = next(each.reason for each in reversed(rejected))
-        return f'{len(rejected)} of {len(self._judged)} touches rejected, the last: {last}'
+        return f'{self.rejected} of {total} touches rejected, the last: {self._reason}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
         self.latest = new
@@ -283,12 +254,9 @@ class Session:
         self._checkpoint()
         self.touches += len(new.touches)
         self.rejected += len(new.rejected)
-        judged = [
-            touch._replace(received=self._detector.received(touch.stamp)) for touch in judged_touches(new, self._cell)
-        ]
-        self._accepted += [touch for touch in judged if not touch.reason]
-        self._judged += new.episodes
+        judged = judged_touches(new, self._cell)
         self.news = judged[-1].line
+        self._reason = next((each.reason for each in reversed(judged) if each.reason), self._reason)
         return judged
 
     def _checkpoint(self) -> None:

@@ -193,6 +193,7 @@ class TouchRunner(RecordingNode):
     def __init__(self) -> None:
         super().__init__('touch_runner')
         self._cell = self.cell_or_example(DEMO_CELL)
+        self._plane = self.plane_of(self._cell)
         self._output, path = self.place('output', self.value('output')).absolute(), self.value('calibration')
         self._planner = self._known(self.place('calibration', path)) if path else None
         if self._cell.limits is None:
@@ -388,17 +389,17 @@ class TouchRunner(RecordingNode):
                 self._runner.fail(problem, may_retract=False)
         if self._autostart:
             self._begin_by_itself()
-        news = None if self._process is None else self._process.poll()
-        if news is not None and 'progress' not in news:
+        ended = None if self._process is None else self._process.poll()
+        if ended is not None:
             self._process = None
-            reply = news.get('reply')
+            reply = ended.get('reply')
             if reply is not None:
                 facts = load_result(Path(reply['folder']) / NAME).facts
                 self._result = f'result in {reply["folder"]}: verdict {facts["verdict"]}, {facts["assessment"]}'
                 if facts['assessment'] == UNFIT:
                     self._runner.revoke('the calibration of the whole recording is unfit for use; see its report')
             else:
-                self._result = f'no result: {news.get("error") or news.get("cancelled")}'
+                self._result = f'no result: {ended.get("error") or ended.get("cancelled")}'
                 self._runner.revoke(self._result)
             self.get_logger().info(self._result)
             self._end()
@@ -461,7 +462,7 @@ class TouchRunner(RecordingNode):
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
             (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
-            self._next.publish(pose_stamped(self.now(), self._cell.plane, (x, y, angle)))
+            self._next.publish(pose_stamped(self.now(), self._plane, (x, y, angle)))
 
     def _report(self) -> Condition:
         complaints, values = self._streams.examine(expected=self._is_running)

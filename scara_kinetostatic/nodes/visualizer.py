@@ -1,40 +1,45 @@
 """Node `visualizer`: shows the cell in RViz or Foxglove.
 
-Publishes `visualization_msgs/MarkerArray` in the frame of `robot.plane`, else `base_link`,
-with `frame_prefix` before it: on `~/markers`,
-latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
-found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles. The URDF of
-the nominal arm is on `robot_description`, latched; where the cell states the link that carries the tip
+Publishes `visualization_msgs/MarkerArray` in the frame of `robot.plane`, else `base_link`, with `frame_prefix` before
+it: on `~/markers`, latched, the objects and the touches with their forces, on `~/arm` the nominal and the calibrated
+arm at the present joint angles, both rigid. A force F is an arrow of length `force_scale` ‖F‖ that ends where the tip
+was.
+The URDF of the nominal arm is on `robot_description`, latched; where the cell states the link that carries the tip
 (`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
 
-It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
-it reads from the file that the result names; without the file they are not shown, and that is said.
-A result that the calibrator does not publish, as it is unfit, does not change the calibrated arm.
+It hears the collector's `~/touch` and the calibrator's `~/result`. A result that the calibrator does not publish, as it
+is unfit, does not change the calibrated arm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from time import monotonic
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
-from scara_kinetostatic.files.calibration_file import parse_document
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, arm_urdf
-from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import parse_document, read_arm
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, Colour, arm_urdf
+from scara_kinetostatic.model.cell import Disc, Plane
+from scara_kinetostatic.model.kinematics import forward, link_vectors, rotate
+from scara_kinetostatic.model.outline import Outline
+from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.conversion import JointReader, UnusableMessageError, marker, marker_array, touches_in
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
-from scara_kinetostatic.report import markers
-from scara_kinetostatic.report.markers import Scales, SeenTouch, estimated
+
+_OBJECT: Colour = (0.90, 0.62, 0.0, 0.35)
+_TOUCH: Colour = (0.0, 0.62, 0.45, 1.0)
+_UNUSED: Colour = (0.85, 0.1, 0.1, 1.0)
+_TEXT: Colour = (0.35, 0.35, 0.35, 1.0)
+_LINK, _THIN, _DOT, _LETTERS = 0.012, 0.003, 0.008, 0.018
+"""Widths of links and lines, diameter of a dot, height of a text, m."""
 
 
 class Visualizer(CellNode):
@@ -52,99 +57,110 @@ class Visualizer(CellNode):
         self._cell = self.cell_or_example()
         self._plane = self.plane_of(self._cell)
         self._joints: tuple[float, float] | None = None
-        self._touches: dict[tuple[str, str], SeenTouch] = {}
-        self._document: Mapping[str, Any] | None = None  # the last result
-        self._calibrated: Mapping[str, Any] | None = None  # the last one that is in the calibrator's parameters
+        self._touches: dict[tuple[str, str], Mapping[str, str]] = {}
+        self._calibrated: Parameters | None = None
         self._changed = True
-        self.add_post_set_parameters_callback(self._draw_again)
-        self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
         topic = self._cell.sensor.joint_states
         self._joint_states = self.create_subscription(JointState, topic, self._note_joints, newest, raw=True)
-        self._reader = conversion.JointReader(self._cell.joint_names)
+        self._reader = JointReader(self._cell.joint_names)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
-        self._next_touch: PoseStamped | None = None
-        self._next_text = ''
-        self.create_subscription(PoseStamped, 'touch_runner/next_touch', self._note_next, LATCHED)
-        self.create_subscription(DiagnosticArray, 'touch_runner/state', self._note_state, LATCHED)
         if not self._cell.plane.tip:
             self._description.publish(String(data=arm_urdf('scara', self._cell, self._cell.nominal)))
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
 
-    @property
-    def _scales(self) -> Scales:
-        return Scales(*(self.value(f'{name}_scale') for name in Scales._fields))
-
-    def _draw_again(self, _: Sequence[Any]) -> None:
-        self._changed = True
-
     def _note_joints(self, message: bytes) -> None:
         later = [other for other, _ in waiting(self._joint_states)]
         for each in (message, *later):  # of several publishers, each with a part of the joints
-            with suppress(conversion.UnusableMessageError):  # the collector says so
+            with suppress(UnusableMessageError):  # the collector says so
                 if sample := self._reader.sample(each):
                     q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
                     self._joints = q1, q2
 
     def _note_touch(self, message: DiagnosticArray) -> None:
-        for key, values in conversion.touches_in(message):
-            touch = SeenTouch.from_values(values, self._cell.nominal)
-            if touch is not None:
-                self._touches[key] = touch
-                self._changed = True
+        self._touches |= touches_in(message)
+        self._changed = True
         while len(self._touches) > 1000:  # the latest are shown
             del self._touches[next(iter(self._touches))]
 
     def _note_result(self, message: String) -> None:
         try:
-            document = said = parse_document(message.data, 'calibrator/result')
-            try:
-                document = conversion.stored_document(said)
-            except InputError as error:
-                self.get_logger().warning(f'residual forces are not shown: {error}')
-            markers.result_markers(document, self._cell.discs, self._scales)  # tried before it is shown
-            published = bool(said.get('published', True))
-        except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
-            self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
+            document = parse_document(message.data, 'calibrator/result')
+            arm = read_arm(document, 'calibrator/result')
+        except ScaraKinetostaticError as error:
+            self.get_logger().warning(f'calibrator/result cannot be shown: {error}')
             return
-        self._document, self._changed = document, True
-        if published:
-            self._calibrated = document
-
-    def _note_next(self, message: PoseStamped) -> None:
-        self._next_touch, self._changed = message, True
-
-    def _note_state(self, message: DiagnosticArray) -> None:
-        text = '; '.join(status.message for status in message.status)
-        self._changed |= text != self._next_text
-        self._next_text = text
+        if document.get('published', True):
+            self._calibrated, self._changed = arm.model.parameters, True
 
     def _publish_scene(self) -> None:
-        began = monotonic()
-        if not self._changed or began < self._next_scene:
+        if not self._changed:
             return
-        discs, document = self._cell.discs, self._document
-        parameters = self._cell.nominal if document is None else estimated(document)
-        scene = markers.object_markers(discs)
-        scene += markers.touch_markers(self._touches.values(), parameters, discs, self._scales)
-        if self._next_touch is not None:
-            x, y, angle = conversion.place_of(self._next_touch.pose, self._plane)
-            scene += markers.next_markers((x, y), angle, self._next_text)
-        if document is not None:
-            scene += markers.result_markers(document, discs, self._scales)
-        self._markers.publish(conversion.marker_array(scene, self._plane))
         self._changed = False
-        self._next_scene = began + 20 * (monotonic() - began)  # many touches take a while
+        made = object_markers(self._cell.discs, self._plane)
+        for values in self._touches.values():
+            parameters = self._calibrated or self._cell.nominal
+            made += touch_markers(values, parameters, self.value('force_scale'), self._plane)
+        self._markers.publish(marker_array(made, self._plane))
 
     def _publish_arms(self) -> None:
         if self._joints is None:
             return
-        arms = markers.arm_markers('nominal', self._cell.nominal, self._joints, NOMINAL_COLOUR)
-        if self._calibrated is not None:
-            arms += markers.arm_markers('calibrated', estimated(self._calibrated), self._joints, CALIBRATED_COLOUR)
-        self._arm.publish(conversion.marker_array(arms, self._plane))
+        made = []
+        for group, parameters, colour in (
+            ('nominal', self._cell.nominal, NOMINAL_COLOUR),
+            ('calibrated', self._calibrated, CALIBRATED_COLOUR),
+        ):
+            if parameters is not None:
+                base, links = np.array([[parameters.x0, parameters.y0]]), link_vectors(parameters, self._joints)
+                corners = np.cumsum([*base, *links], axis=0)
+                made.append(marker(group, Marker.LINE_STRIP, corners, self._plane, colour, (_LINK, 0.0, 0.0)))
+        self._arm.publish(marker_array(made, self._plane))
+
+
+def object_markers(discs: Sequence[Disc | Outline], plane: Plane) -> list[Marker]:
+    """The objects, discs to the tip's centre in contact and outlines with their sides, and their names."""
+    made = []
+    for disc in discs:
+        if isinstance(disc, Outline):
+            line = (*_OBJECT[:3], 1.0)
+            made.append(marker('objects', Marker.LINE_STRIP, disc.shape(), plane, line, (_THIN, 0.0, 0.0)))
+        else:
+            size = 2 * disc.radius, 2 * disc.radius, _THIN
+            made.append(marker('objects', Marker.CYLINDER, (disc.x, disc.y), plane, _OBJECT, size))
+        at = disc.x, disc.y - disc.radius / 2
+        made.append(marker('objects', Marker.TEXT_VIEW_FACING, at, plane, _TEXT, (0.0, 0.0, _LETTERS)))
+        made[-1].text = disc.name
+    return made
+
+
+def touch_markers(values: Mapping[str, str], parameters: Parameters, scale: float, plane: Plane) -> list[Marker]:
+    """A dot where the tip was, and the force as an arrow that ends there; a touch that is not used is a red dot.
+
+    Args:
+        values: of the collector's `~/touch`, by name; nothing is drawn where they do not say where the arm was.
+        parameters: of the arm.
+        scale: length of the arrow of a force, m/N.
+        plane: of the arm.
+    """
+    names = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N'
+    try:
+        q1, q2, *force = (float(values[name]) for name in names)
+    except (ValueError, LookupError):
+        return []
+    if not np.isfinite([q1, q2, *force]).all():
+        return []
+    tip = forward(parameters, (q1, q2))
+    if values.get('accepted') != 'true':
+        return [marker('rejected', Marker.SPHERE, tip, plane, _UNUSED, (1.5 * _DOT,) * 3)]
+    turn = q1 + parameters.theta1 + q2 + parameters.theta2 if values.get('frame') == 'tool' else 0.0
+    ends = [tip - scale * rotate(force, turn), tip]
+    return [
+        marker('touches', Marker.SPHERE, tip, plane, _TOUCH, (_DOT,) * 3),
+        marker('forces', Marker.ARROW, ends, plane, _TOUCH, (_THIN, 3 * _THIN, 0.0)),  # of shaft and head
+    ]

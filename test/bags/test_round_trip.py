@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import zstandard
 from bags.forms import (
     CELL,
     NO_INDEX,
+    Message,
     assert_same,
     force_messages,
     joint_messages,
@@ -28,10 +30,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer
 from rosbags.rosbag2 import CompressionMode
 
+from scara_kinetostatic.bags.cdr import string_message
+from scara_kinetostatic.bags.messages import DISCARD_TOPIC, STRING
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 from scara_kinetostatic.touches.streams import Streams
 
 OWN = {'folder': {}, 'folder zstd': {'compression': 'zstd'}, 'bare.mcap': {}, 'bare zstd.mcap': {'compression': 'zstd'}}
@@ -148,3 +155,16 @@ def test_many_messages_are_read(tmp_path, cell):
     streams = make_streams(25_000, 25_000)
     write_streams(tmp_path / 'a.mcap', streams, cell)
     assert_same(read_streams(tmp_path / 'a.mcap', cell), streams)
+
+
+def test_touches_discarded_while_recording_are_left_out(tmp_path):
+    """As the collector of earlier versions has recorded it; one of them is not in the recording."""
+    streams = simulate_streams(CELL, PAPER_MEASURED, default_plan(CELL).select(np.arange(3)), seed=3)
+    found = find_touches(streams, CELL)
+    holds = [found.start + round(5e8 * sum(episode.hold)) for episode in found.episodes]
+    said = [string_message(json.dumps({'stamp': stamp, 'received': stamp})) for stamp in (holds[1], 10**18)]
+    discards = [Message(DISCARD_TOPIC, STRING, 10**18, text) for text in said]
+    write_mcap(tmp_path / 'bag.mcap', [*messages(streams), *discards])
+    left = find_touches(read_streams(tmp_path / 'bag.mcap', CELL), CELL)
+    assert [(item.index, item.reason) for item in left.rejected] == [(1, DISCARDED)]
+    assert left.warnings == ('1 touches were discarded while recording that are not found in the recording',)

@@ -117,7 +117,6 @@ def test_the_writer_keeps_transforms(tmp_path, streams):
     items = mounted_messages(streams)[:200]
     with BagWriter(tmp_path / 'bag', TOOL_CELL, log_time=items[0].log_time) as bag:
         record(bag, items)
-        bag.write_discard('{"touch": 0, "stamp": 1}', items[-1].log_time)
         for item in transforms(items[-1].log_time):
             bag.write_transforms(item.payload, item.log_time)
     assert read_streams(tmp_path / 'bag', TOOL_CELL).turned

@@ -23,7 +23,6 @@ from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Identification
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.report.markers import label
 from scara_kinetostatic.results.write import residual_table
 
 POISONS = (
@@ -120,7 +119,7 @@ def test_csv(plain: CalibratedArm, kind: str, poison: str) -> None:
 
 
 def test_results(grown: Outcome) -> None:
-    """Table of residuals, and the text on a marker; the page has tests of its own."""
+    """Table of residuals; the page has tests of its own."""
     for poison in POISONS:
         discs = tuple(
             disc._replace(name=f'{poison}{k}' if k else poison) for k, disc in enumerate(grown.calibration.cell.discs)
@@ -133,7 +132,6 @@ def test_results(grown: Outcome) -> None:
         assert {row[1] for row in rows[1:] if row[1]} <= {disc.name for disc in discs} | {
             f"'{disc.name}" for disc in discs
         }
-        assert label('a', (0.0, 0.0), poison, (0.0, 0.0, 0.0, 1.0)).text == poison
 
 
 @given(text=st.text(st.characters(exclude_categories=['Cs']), max_size=20))

@@ -8,7 +8,6 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import pytest
@@ -16,7 +15,6 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 
 from nodes.waiting import Bench  # noqa: E402
-from rclpy.executors import Executor, SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
@@ -111,34 +109,3 @@ def processes(domain: int, tmp_path: Path) -> Iterator[NodeProcesses]:
 def client(domain: int, processes: NodeProcesses) -> Iterator[DemoClient]:
     with DemoClient(domain, processes.check) as watching:
         yield watching
-
-
-@pytest.fixture
-def spin(domain: int) -> Iterator[Callable[..., Any]]:
-    """Makes one node in this process, with ROS arguments and parameters, and spins it in a thread."""
-    stop = Event()
-    started: list[Thread] = []
-    nodes: list[Node] = []
-
-    def make(kind: type[Node], *arguments: str, **parameters: object) -> Node:
-        begin(domain, *arguments, **parameters)
-        nodes.append(kind())
-        started.append(Thread(target=_spin, args=(SingleThreadedExecutor(), nodes[-1], stop)))
-        started[-1].start()
-        return nodes[-1]
-
-    yield make
-    stop.set()
-    for thread in started:
-        thread.join()
-    for node in nodes:  # as `nodes.runtime` does, after the last callback
-        node.close()
-        node.destroy_node()
-    rclpy.try_shutdown()
-
-
-def _spin(executor: Executor, node: Node, stop: Event) -> None:
-    executor.add_node(node)
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=0.05)
-    executor.shutdown()

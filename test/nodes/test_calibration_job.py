@@ -8,18 +8,21 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from nodes.waiting import WAIT
 
+from scara_kinetostatic import pipeline
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
-from scara_kinetostatic.errors import CellError, InputError, OutputError, RecordingError
+from scara_kinetostatic.errors import InputError, RecordingError
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.calibration_job import Job, do
+from scara_kinetostatic.pipeline import calibrate_files
 from scara_kinetostatic.results import report as page
 from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.simulation.plan import default_plan
@@ -50,94 +53,67 @@ def job(bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ma
     return lambda **changes: usual._replace(**changes)
 
 
-class Result(NamedTuple):
-    """The files of a job, and the progress that was heard."""
-
-    folder: Path
-    facts: dict[str, Any]
-    document: dict[str, Any]
-    heard: list[tuple[str, float]]
-
-
-def calibrated(job: Job) -> Result:
-    heard: list[tuple[str, float]] = []
-    folder = Path(do(job, lambda step, part: heard.append((step, part)))['folder'])
+def calibrated(job: Job) -> tuple[Path, dict[str, Any], dict[str, Any]]:
+    """The folder of a job, the facts and the document in it."""
+    folder = Path(do(job, lambda: None)['folder'])
     document = json.loads((folder / 'calibration.json').read_text())
-    return Result(folder, load_result(folder / 'calibration.yaml').facts, document, heard)
+    return folder, load_result(folder / 'calibration.yaml').facts, document
 
 
-def cell_file(folder: Path, cell: Cell) -> str:
-    path = folder / 'cell.yaml'
-    path.write_text(dump_cell(cell))
-    return str(path)
-
-
-def test_two_recordings_are_calibrated_together(job, bags):
-    result = calibrated(job(recordings=[str(bags[0]), str(bags[1])]))
-    facts = result.facts
-    assert (facts['assessment'], facts['verdict'], facts['warnings']) == ('fit', 'none', [])
-    assert facts['touches.used'] == 72
-    assert facts['recordings'] == [str(bags[0]), str(bags[1])]
-    parts = [part for _, part in result.heard]
-    assert parts == sorted(parts), 'progress goes on'
-    assert result.heard[0] == (f'reading {bags[0]}', 0.0)
-    assert result.heard[-1] == ('writing the results', 0.8)
-
-
-def test_recordings_and_touches_can_be_left_out(job, bags):
-    several = job(recordings=[str(bags[2]), str(bags[0])])
+def test_recordings_are_calibrated_together_and_touches_left_out(job, bags):
+    several = job(recordings=[str(bag) for bag in (bags[2], *bags[:2])])
     with pytest.raises(RecordingError, match='broken'):
-        calibrated(several)
-    assert calibrated(several._replace(left_out=['broken'])).facts['recordings'] == [str(bags[0])]
-    kept = calibrated(job(left_out=['3', '4-5']))
-    assert kept.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4, 5)]
+        do(several, lambda: None)
+    _, facts, document = calibrated(several._replace(left_out=['broken']))
+    assert (facts['assessment'], facts['verdict'], facts['warnings']) == ('fit', 'none', [])
+    assert (facts['touches.used'], facts['recordings']) == (72, [str(bags[0]), str(bags[1])])
+    _, _, document = calibrated(job(left_out=['3', '4-5']))
+    assert document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4, 5)]
     with pytest.raises(InputError, match="'third' is none of the recordings"):
-        calibrated(job(left_out=['third']))
+        do(job(left_out=['third']), lambda: None)
 
 
-def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_replace_files(job, bags, tmp_path):
-    strict = job(cell=cell_file(tmp_path, replace(PAPER_CELL, noise=None, tolerance=1e-6)))
-    result = calibrated(strict)
+def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_replace_files(
+    job, bags, tmp_path, monkeypatch
+):
+    (tmp_path / 'cell.yaml').write_text(dump_cell(replace(PAPER_CELL, noise=None, tolerance=1e-6)))
+    strict = job(cell=str(tmp_path / 'cell.yaml'))
+    made: list[Outcome] = []
+
+    def once(*arguments: Any, **options: Any) -> Outcome:
+        made.extend([] if made else [calibrate_files(*arguments, **options)])
+        return made[0]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, 'calibrate_files', once)
+        folder, facts, document = calibrated(strict)
+        assert folder == tmp_path / 'out' / 'unfit'
+        assert [path.name for path in (tmp_path / 'out').iterdir()] == ['unfit']
+        assert calibrated(strict._replace(publish_unfit=True))[0] == tmp_path / 'out'
     warning = f'{bags[0]} contains another cell description (noise, tolerance); that of the parameter cell is used'
-    assert result.facts['warnings'] == result.document['warnings'] == [warning]
-    assert result.facts['assessment'] == 'unfit'
-    assert result.folder == tmp_path / 'out' / 'unfit'
-    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['unfit']
-    assert calibrated(strict._replace(publish_unfit=True)).folder == tmp_path / 'out'
+    assert facts['warnings'] == document['warnings'] == [warning]
+    assert facts['assessment'] == 'unfit'
     write_streams(tmp_path / 'third', read_streams(bags[1], PAPER_CELL), replace(PAPER_CELL, noise=None))
     with pytest.raises(RecordingError, match='third: contains another cell description than'):
-        calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')]))
+        do(job(recordings=[str(bags[0]), str(tmp_path / 'third')]), lambda: None)
 
 
-def test_what_contradicts_the_cell_or_cannot_be_written_is_named(job, bags, tmp_path):
-    sensor = PAPER_CELL.sensor._replace(
-        sign=next(s for s in type(PAPER_CELL.sensor.sign) if s != PAPER_CELL.sensor.sign)
-    )
-    path = cell_file(tmp_path, replace(PAPER_CELL, sensor=sensor))
-    with pytest.raises(CellError, match=path):
-        calibrated(job(cell=path))
-    (tmp_path / 'out').write_text('a file')
-    with pytest.raises(OutputError, match=str(tmp_path / 'out')):
-        calibrated(job())
+def command(order: Job) -> list[str]:
+    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
+    return [sys.executable, '-c', code, json.dumps(order._asdict())]
 
 
-CODE = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
-
-
-def test_the_process_speaks_json_only(bags, tmp_path):
-    order = Job([str(bags[2])], '', [], [], str(tmp_path), False)
-    command = [sys.executable, '-c', CODE, json.dumps(order._asdict())]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
-    (said,) = map(json.loads, ended.stdout.splitlines())
+def test_the_process_speaks_json_only(job, bags):
+    order = command(job(recordings=[str(bags[2])]))
+    ended = subprocess.run(order, capture_output=True, text=True, timeout=WAIT)
+    said = json.loads(ended.stdout)
     assert list(said) == ['error']
     assert 'broken' in said['error']
     assert ended.stderr == ''
 
 
-def test_the_process_ends_with_the_node(bags, tmp_path):
-    order = Job([str(bags[0])], '', [], [], str(tmp_path / 'out'), False)
-    command = [sys.executable, '-c', CODE, json.dumps(order._asdict())]
-    process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+def test_the_process_ends_with_the_node(job, tmp_path):
+    process = subprocess.Popen(command(job()), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == ''
     assert process.wait(WAIT) == 1

@@ -8,9 +8,8 @@ from math import inf, nan
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import WAIT, eventually, meet
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from nodes.waiting import WAIT, Bench
+from rclpy.publisher import Publisher
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
@@ -27,11 +26,17 @@ from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import find_touches
 
 
-def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('joint1', 'joint2')) -> None:
-    """Publishes joint states and wrenches in which nothing is touched, once somebody listens."""
-    joints = node.create_publisher(JointState, '/joint_states', qos)
-    wrench = node.create_publisher(WrenchStamped, '/wrench', qos)
-    meet(node, joints, wrench)
+def publishers(b: Bench) -> tuple[Publisher, Publisher]:
+    """Of joint states and wrenches, which the collector hears."""
+    kinds = (JointState, '/joint_states'), (WrenchStamped, '/wrench')
+    joints, wrench = (b.robot.create_publisher(*kind, RELIABLE_STREAM) for kind in kinds)
+    b.meet(joints, wrench)
+    return joints, wrench
+
+
+def publish(b: Bench, count: int, names: tuple[str, str] = ('joint1', 'joint2')) -> None:
+    """Publishes joint states and wrenches in which nothing is touched."""
+    joints, wrench = publishers(b)
     for number in range(count):
         stamp = 1_700_000_000_000_000_000 + 10_000_000 * number
         joints.publish(conversion.joint_state((stamp, 0.1, 0.2), names))
@@ -62,7 +67,7 @@ def test_start_and_stop_each_make_sense_once(bench, cell_file, tmp_path):
     assert embedded_cell(second) == PAPER_CELL
 
 
-def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_recording(spin, cell_in, tmp_path):
+def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_recording(bench, cell_in, tmp_path):
     """The wrist stands elsewhere in the third of five touches, and between others; messages of their own."""
     cell = replace(
         CELL,
@@ -70,15 +75,10 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
         lift=Lift('joint3', 0.02, 0.0),
         hold={'joint4': 0.5},
     )
-    collector = spin(Collector, autostart=True, cell=cell_in(cell), output=tmp_path / 'bags')
-    said: list[str] = []
-    collector.create_subscription(DiagnosticArray, '/diagnostics', lambda a: said.append(a.status[0].message), 10)
-    judged: list[str] = []
-    hear = collector.create_subscription
-    hear(DiagnosticArray, '~/touch', lambda array: judged.append(array.status[0].message), LATCHED_TOUCHES)
-    joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    force = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
-    meet(collector, joints, force)
+    b = bench(Collector, autostart=True, cell=cell_in(cell), output=tmp_path / 'bags')
+    collector = b.node
+    judged = b.hear(DiagnosticArray, '/collector/touch', LATCHED_TOUCHES)
+    joints, force = publishers(b)
     scene = Scene(cell).touches(5)
     streams, (_, _, begin, end) = scene.streams(), scene.holds[2]
     for stamp, (q1, q2) in zip(streams.joints.stamp.tolist(), streams.joints.position.tolist(), strict=True):
@@ -92,13 +92,13 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
         force.publish(conversion.wrench((stamp, x, y), 'base'))
     counts = 3 * len(streams.joints.stamp), len(streams.wrench.stamp)
     monitors = collector._streams.monitors.values()
-    assert eventually(lambda: tuple(monitor.count for monitor in monitors) == counts)
+    b.wait(lambda: tuple(monitor.count for monitor in monitors) == counts)
     assert [monitor.unusable for monitor in monitors] == [0, 0]
     reason = 'joint4 is at 0.6, expected 0.5 (robot.hold)'
-    assert eventually(lambda: any(reason in message for message in said))
+    b.wait(b.says(reason, WARN))
     answer = collector._end()
     assert '4 touches (1 more rejected)' in answer
-    assert eventually(lambda: f'touch 2 rejected: {reason}' in judged)
+    b.wait(lambda: f'touch 2 rejected: {reason}' in {array.status[0].message for array in judged})
     (bag,) = (tmp_path / 'bags').iterdir()
     read = read_streams(bag, cell)
     assert any(f'while {reason}' in warning for warning in read.warnings)
@@ -107,39 +107,40 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
     assert len(found.touches) == 4
 
 
-def test_a_recording_without_usable_joint_states_is_no_success(spin, tmp_path):
-    collector = spin(Collector, autostart=True, output=tmp_path)
-    publish(collector, RELIABLE_STREAM, 20, names=('shoulder', 'elbow'))
-    assert eventually(lambda: all(monitor.count == 20 for monitor in collector._streams.monitors.values()))
-    assert eventually(lambda: 'expected positions of joint1 and joint2' in collector._examine().message)
+def test_a_recording_without_usable_joint_states_is_no_success(bench, tmp_path):
+    b = bench(Collector, autostart=True, output=tmp_path)
+    collector = b.node
+    publish(b, 20, names=('shoulder', 'elbow'))
+    b.wait(lambda: all(monitor.count == 20 for monitor in collector._streams.monitors.values()))
+    b.wait(lambda: 'expected positions of joint1 and joint2' in collector._examine().message)
     assert collector._examine().level == WARN
     assert 'shoulder elbow' in collector._examine().message
     with pytest.raises(RefusedError, match='/joint_states: expected positions of joint1 and joint2'):
         collector._stop()
 
 
-def test_a_disk_that_fails_ends_the_recording_and_not_the_node(spin, tmp_path, monkeypatch):
-    collector = spin(Collector, autostart=True, output=tmp_path)
+def test_a_disk_that_fails_ends_the_recording_and_not_the_node(bench, tmp_path, monkeypatch):
+    b = bench(Collector, autostart=True, output=tmp_path)
+    collector = b.node
     folder = collector._session.folder
 
     def full(*_: object) -> None:
         raise OutputError(folder, 'cannot be written: No space left on device')
 
     monkeypatch.setattr(collector._session._writer, 'write_wrench', full)
-    publish(collector, RELIABLE_STREAM, 20)
-    assert eventually(lambda: collector._session is None)
+    publish(b, 20)
+    b.wait(lambda: collector._session is None)
     assert 'No space left on device' in collector._examine().message
     with pytest.raises(RefusedError, match='No space left on device'):
         collector._stop()
 
 
-def test_senseless_messages_do_not_end_the_node(spin, tmp_path):
-    collector = spin(Collector, autostart=True, output=tmp_path)
-    publish(collector, RELIABLE_STREAM, 50)
-    joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    wrench = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
+def test_senseless_messages_do_not_end_the_node(bench, tmp_path):
+    b = bench(Collector, autostart=True, output=tmp_path)
+    collector = b.node
+    publish(b, 50)
+    joints, wrench = publishers(b)
     names = ('joint1', 'joint2')
-    meet(collector, joints, wrench)
     for stamp in (0, 2_000_000_000_000_000_000, 1_700_000_000_000_000_000, 1_600_000_000_000_000_000):
         joints.publish(JointState())
         joints.publish(JointState(name=['joint1', 'joint2'], position=[1.0]))
@@ -149,16 +150,17 @@ def test_senseless_messages_do_not_end_the_node(spin, tmp_path):
         wrench.publish(conversion.wrench((stamp, nan, 0.0), ''))
         wrench.publish(conversion.wrench((stamp, 1e300, -1e300), ''))
         detector = collector._session._detector
-        assert eventually(lambda: detector._polled == detector._pair.wrench.total)  # noqa: B023
-    assert eventually(lambda: [m.count for m in collector._streams.monitors.values()] == [66, 62])
+        b.wait(lambda: detector._polled == detector._pair.wrench.total)  # noqa: B023
+    b.wait(lambda: [m.count for m in collector._streams.monitors.values()] == [66, 62])
     assert [monitor.unusable for monitor in collector._streams.monitors.values()] == [16, 8]
     assert '0 touches' in collector._stop()
     assert collector._start().startswith('recording to ')
 
 
-def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin, tmp_path):
+def test_a_folder_that_cannot_be_written_leaves_the_node_up(bench, tmp_path):
     (tmp_path / 'bags').write_text('a file where the folder should be')
-    collector = spin(Collector, autostart=True, output=tmp_path / 'bags')
+    b = bench(Collector, autostart=True, output=tmp_path / 'bags')
+    collector = b.node
     for _ in range(2):
         assert collector._examine().level == ERROR
         assert str(tmp_path / 'bags') in collector._examine().message
@@ -168,21 +170,19 @@ def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin, tmp_path):
     assert collector._start().startswith('recording to ')
 
 
-def test_simulated_time_begins_with_the_clock_and_every_message_of_a_fast_stream_is_recorded(spin, tmp_path):
-    collector = spin(Collector, use_sim_time=True, autostart=True, output=tmp_path)
+def test_simulated_time_begins_with_the_clock_and_every_message_of_a_fast_stream_is_recorded(bench, tmp_path):
+    b = bench(Collector, use_sim_time=True, autostart=True, output=tmp_path)
+    collector = b.node
     assert 'waiting for /clock' in collector._examine().message
     with pytest.raises(RefusedError, match='/clock'):
         collector._start()
     assert collector._examine().level == WARN  # it waits, nothing has failed
-    clock = collector.create_publisher(ClockMessage, '/clock', 1)
+    clock = b.robot.create_publisher(ClockMessage, '/clock', 1)
 
-    def tick() -> bool:
-        clock.publish(ClockMessage(clock=conversion.stamp_of(1000 * conversion.NANOSECONDS)))
-        return collector._session is not None
-
-    assert eventually(tick)
-    publish(collector, RELIABLE_STREAM, 1000)
-    assert eventually(lambda: all(monitor.count == 1000 for monitor in collector._streams.monitors.values()))
+    message = ClockMessage(clock=conversion.stamp_of(1000 * conversion.NANOSECONDS))
+    b.wait(lambda: collector._session is not None, lambda: clock.publish(message))
+    publish(b, 1000)
+    b.wait(lambda: all(monitor.count == 1000 for monitor in collector._streams.monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
     with Reader(bag) as reader:
@@ -192,10 +192,11 @@ def test_simulated_time_begins_with_the_clock_and_every_message_of_a_fast_stream
     assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
 
 
-def test_the_end_of_a_silent_stream_is_secured(spin, tmp_path):
-    collector = spin(Collector, autostart=True, output=tmp_path)
-    publish(collector, RELIABLE_STREAM, 20)
-    assert eventually(lambda: collector._session._writer.recorded == 40)
+def test_the_end_of_a_silent_stream_is_secured(bench, tmp_path):
+    b = bench(Collector, autostart=True, output=tmp_path)
+    collector = b.node
+    publish(b, 20)
+    b.wait(lambda: collector._session._writer.recorded == 40)
 
 
 def test_reported_touches_survive_a_kill(processes, client, cell_file, tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ pytest.importorskip('rclpy')
 from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
-from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.nodes import session
@@ -25,7 +23,6 @@ from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import Stream, StreamMonitor
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 from scara_kinetostatic.touches.streams import Streams
 
 GIB = 1 << 30
@@ -60,25 +57,9 @@ def test_many_rejected_touches_are_said_with_their_reason(tmp_path):
     assert ' of 4 touches rejected, ' in recording.rejections()
 
 
-def test_discarded_touches_are_those_of_the_recording(tmp_path):
-    """The last one first; the calibrator leaves the same ones out."""
-    recording = Session(tmp_path, PAPER_CELL, 1)
-    feed(recording, touches(4))
-    recording.poll()
-    accepted = recording.touches
-    discarded = [recording.discard_last(10**18) for _ in range(2)]
-    assert [touch.number for touch in discarded if touch] == [accepted - 1, accepted - 2]
-    recording.close()
-    assert (recording.touches, recording.rejected, recording.rejections()) == (2, 2, '')
-    detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
-    numbers = [(touch.number, DISCARDED) for touch in reversed(discarded) if touch]
-    assert [(item.index, item.reason) for item in detection.rejected] == numbers
-    assert detection.warnings == ()
-
-
-def test_the_collector_warns_of_the_disk(spin, tmp_path, monkeypatch):
+def test_the_collector_warns_of_the_disk(bench, tmp_path, monkeypatch):
     monkeypatch.setattr(session.shutil, 'disk_usage', lambda _: SimpleNamespace(free=GIB // 2))
-    collector = spin(Collector, autostart=True, output=tmp_path)
+    collector = bench(Collector, autostart=True, output=tmp_path).node
     condition = collector._examine()
     assert condition.level == WARN
     assert f'the disk of {tmp_path} has' in condition.message
@@ -87,31 +68,25 @@ def test_the_collector_warns_of_the_disk(spin, tmp_path, monkeypatch):
     assert collector._examine().level == OK
 
 
-def publish_as(collector: Any, name: str) -> None:
-    """As if a node of that name were the only publisher."""
+@pytest.mark.parametrize(
+    ('name', 'is_given', 'expected'),
+    [('/left/contact_simulator', False, False), ('/left/driver', False, True), ('/left/driver', True, False)],
+)
+def test_a_robot_taken_for_the_example_cell_is_said(bench, cell_file, name, is_given, expected):
+    collector = bench(Collector, cell=cell_file if is_given else '').node
     collector._streams.look_at_publishers = lambda: None
     collector._streams.monitors[Stream.JOINTS].publishers = [name]
+    assert ('taken for the example cell' in collector._examine().message) == expected
+    assert (collector._examine().level == WARN) == expected
 
 
-def test_a_robot_taken_for_the_example_cell_is_said(bench, tmp_path):
+def test_a_robot_taken_for_the_example_cell_is_said_as_the_recording_begins(bench, tmp_path):
     b = bench(Collector, output=tmp_path / 'bags')
-    collector, said = b.node, 'taken for the example cell'
-    for name, expected in (('/left/contact_simulator', False), ('/left/driver', True)):
-        publish_as(collector, name)
-        assert (said in collector._examine().message) == expected
-        assert (collector._examine().level == WARN) == expected
-    del collector._streams.look_at_publishers
     b.robot.create_publisher(JointState, '/joint_states', 10)
-    b.wait(lambda: collector.count_publishers('/joint_states') == 1)
+    b.wait(lambda: b.node.count_publishers('/joint_states') == 1)
     answer = b.call('/collector/start')
     assert answer.success
-    assert said in answer.message
-
-
-def test_a_robot_whose_cell_is_given_is_no_example(spin, cell_file):
-    collector = spin(Collector, cell=cell_file)
-    publish_as(collector, '/left/driver')
-    assert collector._examine().level == OK
+    assert 'taken for the example cell' in answer.message
 
 
 def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():

@@ -13,11 +13,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, WrenchStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker
 
 from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
-from scara_kinetostatic.report.markers import Primitive
 
 NAMES = ('joint1', 'joint2')
 STAMP = 1_700_000_000_123_456_789
@@ -107,23 +107,23 @@ def test_poses_and_markers_are_in_the_frame_of_the_robot(place):
     matrix = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
     c, s = np.cos(place[2]), np.sin(place[2])
     np.testing.assert_allclose(matrix, PLANE.axes @ [[c, -s, 0], [s, c, 0], [0, 0, 1]], atol=1e-15)
-    assert conversion.place_of(message.pose, PLANE) == pytest.approx(place, abs=1e-14)
     assert conversion.planar(at, PLANE, is_place=True) == pytest.approx(place[:2], abs=1e-15)
     off = np.array([at.x, at.y, at.z]) + 0.02 * np.array(PLANE.axes)[:, 2]
     with pytest.raises(conversion.UnusableMessageError, match=r'20 mm off the plane of the arm \(robot\.plane\)'):
         conversion.planar(type(at)(x=off[0], y=off[1], z=off[2]), PLANE, is_place=True)
-    _, dot, line = conversion.marker_array(
-        [
-            Primitive('a', 'dot', ((*place[:2], 0.1),), (1.0, 0.0, 0.0, 1.0), 0.01),
-            Primitive('b', 'strip', ((*place[:2], 0.1), (0.0, 0.0, 0.1)), (1.0, 0.0, 0.0, 1.0), 0.01),
-        ],
-        PLANE,
-    ).markers
-    above = PLANE.in_robot(np.array([*place[:2], 0.1]))
-    np.testing.assert_allclose([dot.pose.position.x, dot.pose.position.y, dot.pose.position.z], above, atol=1e-15)
+    red, size = (1.0, 0.0, 0.0, 1.0), (0.01, 0.02, 0.03)
+    made = [
+        conversion.marker(group, Marker.SPHERE, points, PLANE, red, size)
+        for group, points in (('a', place[:2]), ('b', [place[:2], (0.0, 0.0)]))
+    ]
+    _, dot, line = conversion.marker_array(made, PLANE).markers
+    there = PLANE.in_robot(np.array(place[:2]))
+    np.testing.assert_allclose([dot.pose.position.x, dot.pose.position.y, dot.pose.position.z], there, atol=1e-15)
     turn, at, point = line.pose.orientation, line.pose.position, line.points[0]
     drawn = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).apply([point.x, point.y, point.z])
-    np.testing.assert_allclose(np.add(drawn, (at.x, at.y, at.z)), above, atol=1e-15)
+    np.testing.assert_allclose(np.add(drawn, (at.x, at.y, at.z)), there, atol=1e-15)
+    assert (dot.color.r, dot.color.g, dot.color.b, dot.color.a) == red
+    assert (dot.scale.x, dot.scale.y, dot.scale.z) == size
     assert dot.header.frame_id == line.header.frame_id == 'world'
 
 

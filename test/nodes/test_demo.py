@@ -74,22 +74,19 @@ def test_a_signal_ends_everything(tmp_path):
     assert state.stat().st_size > 0
 
 
-def test_a_parameter_out_of_range_is_named(tmp_path):
-    with pytest.raises(InputError, match='parameter time_factor'):
-        demo.run(parse('--out', str(tmp_path), '--time-factor', '1e6'))
-
-
-def test_a_cell_without_limits_is_refused(tmp_path):
-    cell = tmp_path / 'cell.yaml'
-    cell.write_text(dump_cell(PAPER_CELL))
-    with pytest.raises(CellError, match=r'robot\.limits'):
-        demo.run(parse('--out', str(tmp_path), '--cell', str(cell)))
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
-    (tmp_path / 'demo').write_text('in the way')
-    with pytest.raises(OutputError, match='demo'):
-        demo.run(parse('--out', str(tmp_path / 'demo')))
+@pytest.mark.parametrize(
+    ('arguments', 'error', 'says'),
+    [
+        (('--time-factor', '1e6'), InputError, 'parameter time_factor'),
+        (('--cell', 'cell.yaml'), CellError, r'robot\.limits'),
+        (('--out', 'cell.yaml/demo'), OutputError, 'demo'),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, monkeypatch, arguments, error, says):
+    monkeypatch.chdir(tmp_path)
+    Path('cell.yaml').write_text(dump_cell(PAPER_CELL))
+    with pytest.raises(error, match=says):
+        demo.run(parse('--out', 'here', *arguments))
 
 
 def test_without_ros_the_remedy_is_told(tmp_path, monkeypatch):

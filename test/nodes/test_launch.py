@@ -12,27 +12,11 @@ import pytest
 import yaml
 
 LAUNCH = Path(__file__).parents[2] / 'launch'
-MODULES = {
-    'launch': ('LaunchContext', 'LaunchDescription'),
-    'launch.actions': (
-        'DeclareLaunchArgument',
-        'EmitEvent',
-        'GroupAction',
-        'IncludeLaunchDescription',
-        'LogInfo',
-        'OpaqueFunction',
-    ),
-    'launch.conditions': ('IfCondition', 'UnlessCondition'),
-    'launch.events': (),
-    'launch.events.process': ('ShutdownProcess',),
-    'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
-    'launch_ros': (),
-    'launch_ros.actions': ('Node',),
-    'launch_ros.parameter_descriptions': ('ParameterValue',),
-    'launch_ros.substitutions': ('FindPackageShare',),
-    'ament_index_python': (),
-    'ament_index_python.packages': (),
-}
+MODULES = (
+    *('launch', 'launch.actions', 'launch.conditions', 'launch.events.process', 'launch.substitutions'),
+    *('launch_ros.actions', 'launch_ros.parameter_descriptions', 'launch_ros.substitutions'),
+    'ament_index_python.packages',
+)
 CELL = str(LAUNCH.parent / 'config' / 'cell.yaml')
 ALL = ['contact_simulator', 'collector', 'calibrator', 'visualizer']
 
@@ -45,6 +29,14 @@ class StandIn:
 
     def perform(self, context: dict[str, str]) -> str:
         return context[self.args[0]]
+
+
+class Module(ModuleType):
+    """Has every class that is imported from it."""
+
+    def __getattr__(self, name: str) -> type:
+        vars(self)[name] = made = type(name, (StandIn,), {})
+        return made
 
 
 class Launched:
@@ -76,11 +68,11 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Launched:
             raise NotFoundError(package)
         return '/opt'
 
-    for name, classes in MODULES.items():
-        module = ModuleType(name)
-        vars(module).update({each: type(each, (StandIn,), {}) for each in classes})
-        vars(module).update(PackageNotFoundError=NotFoundError, get_package_prefix=prefix)
-        monkeypatch.setitem(sys.modules, name, module)
+    for name in MODULES:
+        monkeypatch.setitem(sys.modules, name, Module(name))
+    vars(sys.modules['ament_index_python.packages']).update(
+        PackageNotFoundError=NotFoundError, get_package_prefix=prefix
+    )
     return Launched(runpy.run_path(str(LAUNCH / 'cell.launch.py')), installed)
 
 
@@ -122,13 +114,11 @@ def test_arguments_that_contradict_each_other_are_refused(launched, arguments, p
 
 def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched):
     launched.installed |= {'robot_state_publisher', 'rviz2'}
-    nodes = launched.nodes(namespace='/left', rviz='true', compensate='true')
-    assert list(nodes) == [*ALL[:3], 'compensator', ALL[3], 'robot_state_publisher', 'rviz2']
+    nodes = launched.nodes(namespace='/left', rviz='true', compensate='true', run='true', cell=CELL)
+    assert list(nodes) == [*ALL[:3], 'compensator', 'touch_runner', ALL[3], 'robot_state_publisher', 'rviz2']
     assert {node['namespace'] for node in nodes.values()} == {'/left'}
-    assert parameters(nodes['contact_simulator'])['frame_prefix'] == 'left/'
-    assert parameters(nodes['visualizer'])['frame_prefix'] == 'left/'
-    assert parameters(nodes['compensator'])['frame_prefix'] == 'left/'
-    assert parameters(nodes['robot_state_publisher'])['frame_prefix'] == 'left/'
+    for name in ('contact_simulator', 'visualizer', 'compensator', 'touch_runner', 'robot_state_publisher'):
+        assert parameters(nodes[name])['frame_prefix'] == 'left/'
     assert nodes['rviz2']['arguments'][-2:] == ['-f', 'left/base_link']
 
 

@@ -17,7 +17,6 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -144,7 +143,7 @@ def test_the_level_follows_assessment_verdict_and_warnings(calling, outcome):
         assert said in answer.message
         assert b.node._condition.level == level
     assert b.node.get_parameter('calibrated.l1').value == 0.5
-    assert b.node._results.facts == facts(outcome)
+    assert b.node._facts == facts(outcome)
     assert isnan(b.node.get_parameter('calibrated_std.l2').value)
     (refused,) = b.node.set_parameters([Parameter('calibrated.l1', value=1.0)])
     assert 'read-only' in refused.reason
@@ -165,15 +164,6 @@ def test_the_status_says_which_result_was_loaded_from_a_file(calling, outcome, t
     assert 'loaded from a parameter file' in status.message
     assert status.message.startswith(f'{grade or "not assessed"}, of ')
     assert status.values['present result'].startswith(f'{grade or "not assessed"}{origin}')
-
-
-def test_a_result_without_its_document_is_refused(calling, outcome, tmp_path):
-    b = calling()
-    write(tmp_path / 'results', outcome)
-    (tmp_path / 'results' / 'calibration.json').unlink()
-    with pytest.raises(CalibrationFileError, match=r'calibration\.json: there is no such file'):
-        b.node._take(tmp_path / 'results', '', b.node._job())
-    assert not b.node.has_parameter('calibrated.l1')
 
 
 def test_the_recordings_are_those_named_or_the_last_that_was_announced(bench, tmp_path):

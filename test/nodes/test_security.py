@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import re
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from rclpy.node import Node
 
-from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.compensator import Compensator
-from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.contour_tracker import ContourTracker
-from scara_kinetostatic.nodes.monitor import Monitor
+from scara_kinetostatic.nodes import executables
 from scara_kinetostatic.nodes.streams import TFMessage
-from scara_kinetostatic.nodes.touch_runner import TouchRunner
-from scara_kinetostatic.nodes.visualizer import Visualizer
 
 ROOT = Path(__file__).parents[2]
 POLICIES = ROOT / 'config' / 'sros2'
 KINDS = {
-    'contact_simulator': ContactSimulator,
-    'collector': Collector,
-    'calibrator': Calibrator,
-    'visualizer': Visualizer,
-    'monitor': Monitor,
-    'compensator': Compensator,
-    'contour_tracker': ContourTracker,
-    'touch_runner': TouchRunner,
+    name: getattr(import_module(f'scara_kinetostatic.nodes.{one.args[0]}'), one.args[1])
+    for name, one in vars(executables).items()
+    if isinstance(one, partial)
 }
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
@@ -78,9 +68,9 @@ def _resolved(name: str, node: str, namespace: str) -> str:
 
 
 @pytest.mark.parametrize('name', KINDS)
-def test_a_node_may_do_what_it_does_and_nothing_else(spin, name):
+def test_a_node_may_do_what_it_does_and_nothing_else(bench, name):
     enclave = f'/scara_kinetostatic/left/{name}'
-    node = spin(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True)
+    node = bench(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True).node
     assert (name, '/left', enclave) in node.get_node_names_and_namespaces_with_enclaves()
     has = {rule: {topic for topic, _ in ask(node, name, '/left')} for rule, ask in RULES.items()}
     if name in ('collector', 'contour_tracker', 'touch_runner', 'compensator') and TFMessage is None:

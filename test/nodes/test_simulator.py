@@ -8,7 +8,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, UNITS
 from scara_kinetostatic.nodes.cell_node import PARAMETERS
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
-from scara_kinetostatic.report.markers import Scales
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.simulation.commanded import Fault, PlantSettings
 from scara_kinetostatic.simulation.mujoco import SCENES
@@ -36,8 +35,8 @@ def test_playback_hands_out_both_streams_in_the_order_of_time():
     assert playback.end == 20_000_100
 
 
-def test_parameters_have_descriptions_and_ranges(spin):
-    simulator = spin(ContactSimulator, wait_for_subscribers=1)
+def test_parameters_have_descriptions_and_ranges(bench):
+    simulator = bench(ContactSimulator, wait_for_subscribers=1).node
     own = [name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')]
     descriptors: list[ParameterDescriptor] = simulator.describe_parameters(own)
     assert len(own) >= 25
@@ -70,23 +69,21 @@ def test_stated_defaults_and_ranges_are_those_of_what_they_set():
     assert ', '.join(SCENES) in stated['scene']['meaning']
     assert ', '.join(fault.value for fault in Fault if fault.value) in stated['fault']['meaning']
     assert {name.removeprefix('truth.') for name in stated if name.startswith('truth.')} == set(UNITS)
-    shown = PARAMETERS['visualizer']
-    assert [shown[f'{name}_scale']['default'] for name in Scales._fields] == list(Scales())
     assert PARAMETERS['contour_tracker']['tip_radius']['range'][1] == LARGEST_TIP
     assert PARAMETERS['touch_runner']['max_touches']['range'][0] == FIRST
 
 
-def test_effects_are_played(spin):
+def test_effects_are_played(bench):
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
-    node = spin(ContactSimulator, '-p', f'effects:={texts}')
+    node = bench(ContactSimulator, '-p', f'effects:={texts}').node
     assert [effect.label for effect in node._truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
     assert node._truth.effect_values == ((6e-5,), (1.0, -0.5))
     assert node._truth.parameters == PAPER_ACTUAL
 
 
-def test_a_plan_of_slides(spin, tmp_path):
+def test_a_plan_of_slides(bench, tmp_path):
     plan = tmp_path / 'slides.yaml'
     plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, speed: 0.05}\n')
-    node = spin(ContactSimulator, plan=plan, wait_for_subscribers=1)
+    node = bench(ContactSimulator, plan=plan, wait_for_subscribers=1).node
     expected = simulate_streams(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_plan(plan, PAPER_CELL), start=0)
     assert node._playback.end == max(expected.joints.stamp[-1], expected.wrench.stamp[-1])

@@ -18,7 +18,7 @@ import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from nodes.waiting import WAIT, Bench, meet, trigger
+from nodes.waiting import WAIT, Bench
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -103,7 +103,7 @@ def test_a_kill_leaves_the_robot_standing(
         if watch.values['phase'] == 'press':
             break
         client.wait('the end', lambda: bool(watch.values.get('result')), WAIT)
-        trigger(client, '/touch_runner/start')
+        client.call('/touch_runner/start', Trigger, Trigger.Request(), WAIT)
         watch.states.clear()
     assert watch.values['phase'] == 'press'
     os.kill(pid, signal.SIGKILL)
@@ -119,18 +119,13 @@ def test_a_kill_leaves_the_robot_standing(
     assert min(apart) < 1e-9  # the x axis is the outward normal
 
 
-def test_nobody_hears_or_a_second_runner_is_there(bench, cell, tmp_path):
+def test_without_a_robot_nothing_begins(bench, cell, tmp_path):
     b = bench(TouchRunner, cell=cell, output=tmp_path / 'out')
     answer = b.call('/touch_runner/start')
     assert not answer.success
     assert 'nobody hears /joint_trajectory' in answer.message
     assert not b.call('/touch_runner/pause').success
     assert not (tmp_path / 'out').exists()
-    b.hear(JointTrajectory, '/joint_trajectory', 10)
-    b.robot.create_publisher(JointTrajectory, '/joint_trajectory', 10)
-    b.wait(lambda: 'another node publishes' in b.node._hearing())
-    answer = b.call('/touch_runner/start')
-    assert 'another node publishes /joint_trajectory, /robot: end it' in answer.message
 
 
 @pytest.mark.parametrize(
@@ -198,12 +193,14 @@ def action(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
     return {'action': 'arm/follow'}
 
 
-def test_who_publishes_trajectories_beside_an_action_is_refused(bench, cell, action):
-    b = bench(TouchRunner, cell=cell, **action)
-    b.robot.create_publisher(JointTrajectory, '/arm/joint_trajectory', 10)
+@pytest.mark.parametrize('topic', ['/joint_trajectory', '/arm/joint_trajectory'], ids=['messages', 'action'])
+def test_who_publishes_trajectories_as_well_is_refused(bench, cell, action, topic):
+    b = bench(TouchRunner, cell=cell, **(action if 'arm' in topic else {}))
+    b.hear(JointTrajectory, topic, 10)
+    b.robot.create_publisher(JointTrajectory, topic, 10)
     b.wait(lambda: 'another node publishes' in b.node._hearing())
-    answer = b.call('/touch_runner/start')
-    assert 'another node publishes /arm/joint_trajectory, /robot: end it' in answer.message
+    b.wait(lambda: not b.node._controller.absence())
+    assert f'another node publishes {topic}, /robot: end it' in b.call('/touch_runner/start').message
 
 
 @pytest.mark.parametrize(
@@ -250,7 +247,7 @@ class Standing(Bench):
         self._now, self._samples = 10**9, 0
 
     def begin(self) -> None:
-        meet(self.node, self._states, self._wrenches)
+        self.meet(self._states, self._wrenches)
         self.wait(lambda: not self.node._controller.absence() and self._clock.get_subscription_count() > 0)
         start = self.call('/touch_runner/start')
         assert start.success, start.message

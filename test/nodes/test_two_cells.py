@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import eventually
-from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
@@ -23,18 +21,19 @@ from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM
 
 
-def test_topics_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_topics_are_recorded_as_they_are(bench: Callable[..., Any], tmp_path: Path) -> None:
     remaps = ('-r', 'joint_states:=/arm/state', '-r', 'wrench:=ft')
-    collector = spin(Collector, '-r', '__ns:=/left', *remaps, output=tmp_path)
-    joints = collector.create_publisher(JointState, '/arm/state', RELIABLE_STREAM)
-    wrench = collector.create_publisher(WrenchStamped, '/left/ft', QoSPresetProfiles.SENSOR_DATA.value)
-    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
+    b = bench(Collector, '-r', '__ns:=/left', *remaps, output=tmp_path)
+    collector = b.node
+    joints = b.robot.create_publisher(JointState, '/arm/state', RELIABLE_STREAM)
+    wrench = b.robot.create_publisher(WrenchStamped, '/left/ft', QoSPresetProfiles.SENSOR_DATA.value)
+    b.wait(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
     assert collector._start()
     for stamp in range(10**18, 10**18 + 10**9, 10**7):
         joints.publish(conversion.joint_state((stamp, 0.1, 0.2), ('joint1', 'joint2')))
         wrench.publish(conversion.wrench((stamp, 0.0, 0.0), 'base'))
         sleep(0.001)
-    assert eventually(lambda: all(monitor.count > 50 for monitor in collector._streams.monitors.values()))
+    b.wait(lambda: all(monitor.count > 50 for monitor in collector._streams.monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
     with Reader(bag) as reader:

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from math import cos, dist, sin
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from diagnostic_msgs.msg import DiagnosticArray
 from nodes.waiting import Bench
-from rcl_interfaces.msg import Log
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.model.cell import PAPER_CELL, Plane
+from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Plane
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.nodes import conversion
-from scara_kinetostatic.nodes.calibrator import _summary as summary
 from scara_kinetostatic.nodes.session import JudgedTouch
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
-from scara_kinetostatic.nodes.visualizer import Visualizer
-from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.nodes.visualizer import Visualizer, object_markers, touch_markers
 
 TOUCH = JudgedTouch(0, 10**9, '', 'disc_2', (0.0, 20.0), (0.8, 2.1))
+NOMINAL, PLANE = PAPER_CELL.nominal, Plane()
+SEEN = {'q1_rad': '0.8', 'q2_rad': '2.1', 'fx_N': '-9.8', 'fy_N': '0.1', 'accepted': 'true'}
 
 
 class Cell(Bench):
@@ -48,23 +47,10 @@ class Cell(Bench):
         """The groups of markers of the last message."""
         return {marker.ns for marker in self.heard[topic].markers} if topic in self.heard else set()
 
-    def touch(self) -> None:
-        touches = self.robot.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES)
-        touches.publish(TOUCH.message('/left/collector', '/bags/one', 'base'))
-        self.wait(lambda: 'forces' in self.groups('visualizer/markers'))
-
-    def stand(self, *joints: tuple[str, float]) -> None:
-        """The joint states."""
-        out = self.robot.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
-        self.wait(out.get_subscription_count)
-        names, angles = zip(*joints, strict=True)
-        out.publish(conversion.joint_state((7, *angles), names))
-        self.wait(lambda: 'visualizer/arm' in self.heard)
-
-    def result(self, outcome: Any, folder: Path | None = None, **more: object) -> None:
-        results = self.robot.create_publisher(String, 'calibrator/result', LATCHED)
-        files = {'folder': folder and str(folder)}
-        results.publish(String(data=json.dumps(summary(as_document(outcome)) | {'files': files} | more)))
+    def links(self, group: str) -> list[Any]:
+        """Shoulder, elbow and tip of an arm."""
+        (line,) = (marker for marker in self.heard['visualizer/arm'].markers if marker.ns == group)
+        return [(point.x, point.y) for point in line.points]
 
 
 @pytest.fixture
@@ -72,82 +58,64 @@ def cell(bench: Callable[..., Any], cell_file: Path) -> Cell:
     return bench(Visualizer, '-r', '__ns:=/left', on=Cell, cell=cell_file, frame_prefix='left/')
 
 
-def test_it_shows_touches_arm_and_result(cell, grown, tmp_path):
-    cell.touch()
+def test_it_shows_touches_and_the_arm_before_and_after_a_calibration(cell: Cell, arm: CalibratedArm) -> None:
+    cell.robot.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES).publish(
+        TOUCH.message('/left/collector', '/bags/one', 'base')
+    )
+    cell.wait(lambda: 'forces' in cell.groups('visualizer/markers'))
     first, *others = cell.heard['visualizer/markers'].markers
     assert first.action == Marker.DELETEALL
     assert {marker.header.frame_id for marker in (first, *others)} == {'left/base_link'}
     assert len({(marker.ns, marker.id) for marker in others}) == len(others)
     assert cell.groups('visualizer/markers') == {'', 'objects', 'touches', 'forces'}
 
-    cell.stand(('joint1', 0.3), ('joint2', 0.9))
-    (links,) = (item for item in cell.heard['visualizer/arm'].markers if item.type == Marker.LINE_STRIP)
-    assert (links.points[2].x, links.points[2].y) == pytest.approx(tuple(forward(PAPER_CELL.nominal, (0.3, 0.9))))
+    joints = cell.robot.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
+    cell.wait(joints.get_subscription_count)
+    joints.publish(conversion.joint_state((7, 0.3, 0.9), ('joint1', 'joint2')))
+    cell.wait(lambda: 'nominal' in cell.groups('visualizer/arm'))
+    assert cell.links('nominal')[-1] == pytest.approx(tuple(forward(NOMINAL, (0.3, 0.9))))
 
-    cell.robot.create_publisher(String, 'calibrator/result', LATCHED).publish(String(data='[]'))  # said, and no harm
-    (tmp_path / 'calibration.json').write_text(json_text(as_document(grown)))
-    cell.result(grown, tmp_path)
-    cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
-    assert 'residuals' in cell.groups('visualizer/markers')  # from the file
-    cell.wait(lambda: 'calibrated' in cell.groups('visualizer/arm'))
-
-
-def test_it_shows_the_next_touch(cell):
-    state = cell.robot.create_publisher(DiagnosticArray, 'touch_runner/state', LATCHED)
-    pose = cell.robot.create_publisher(PoseStamped, 'touch_runner/next_touch', LATCHED)
-    said = 'next: disc_2 at 170°, left, 40 N, it sharpens l2'
-    state.publish(DiagnosticArray(status=[DiagnosticStatus(message=said)]))
-    pose.publish(conversion.pose_stamped(1, Plane(), (0.15, 0.4, 3.0)))
-    topic = 'visualizer/markers'
-
-    def shown() -> list[Marker]:
-        return [marker for marker in cell.heard[topic].markers if marker.ns == 'next'] if topic in cell.heard else []
-
-    cell.wait(lambda: said in {marker.text for marker in shown()})
-    (arrow,) = (marker for marker in shown() if marker.type == Marker.ARROW)
-    tail, head = ((point.x, point.y) for point in arrow.points)
-    assert head == (0.15, 0.4)
-    assert (tail[0] - head[0], tail[1] - head[1]) == pytest.approx((0.072 * cos(3.0), 0.072 * sin(3.0)))
-
-
-@pytest.mark.parametrize(('created', 'said'), [
-    (None, 'there is no such file; check the path'),
-    ('1970-01-01T00:00:00Z', '{folder}/calibration.json: is of another result, 1970-01-01T00:00:00Z; calibrate again'),
-])  # fmt: skip
-def test_a_result_without_its_file_is_shown_without_residuals(cell, plain, tmp_path, created, said):
-    if created:
-        (tmp_path / 'calibration.json').write_text(json_text(as_document(plain) | {'created': created}))
-    heard = cell.hear(Log, '/rosout', 10)
-    cell.wait(lambda: cell.robot.count_publishers('/rosout') > 1)
-    cell.result(plain, tmp_path)
-    cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
-    assert 'residuals' not in cell.groups('visualizer/markers')
-    assert any(item.text.endswith('not shown, no file') for item in cell.heard['visualizer/markers'].markers)
-    cell.wait(lambda: any(item.msg.endswith(said.format(folder=tmp_path)) for item in heard))
-
-
-def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell, plain):
-    cell.result(plain, published=False)
-    cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
-    cell.stand(('joint1', 0.3), ('joint2', 0.9))
+    results = cell.robot.create_publisher(String, 'calibrator/result', LATCHED)
+    results.publish(String(data='[]'))  # said, and no harm
+    document, found = arm_document(arm), arm.model.parameters
+    results.publish(String(data=json.dumps(document | {'published': False})))
+    cell.heard.clear()
+    cell.wait(lambda: 'visualizer/arm' in cell.heard)
     assert cell.groups('visualizer/arm') == {'', 'nominal'}
+    results.publish(String(data=json.dumps(document)))
+    cell.wait(lambda: 'calibrated' in cell.groups('visualizer/arm') and 'visualizer/markers' in cell.heard)
+    assert cell.links('calibrated')[-1] == pytest.approx(tuple(forward(found, (0.3, 0.9))))
+    (dot,) = (marker for marker in cell.heard['visualizer/markers'].markers if marker.ns == 'touches')
+    assert (dot.pose.position.x, dot.pose.position.y) == pytest.approx(tuple(forward(found, TOUCH.joints)))
 
 
-def test_forces_are_drawn_anew_when_their_scale_is_set(cell):
-    def length() -> float:
-        arrows = [item for item in cell.heard['visualizer/markers'].markers if item.ns == 'forces']
-        return dist(*((point.x, point.y) for point in arrows[0].points)) if arrows else 0.0
-
-    cell.touch()
-    assert length() == pytest.approx(0.002 * 20.0)
-    (answer,) = cell.node.set_parameters([Parameter('force_scale', value=0.01)])
-    assert answer.successful
-    cell.wait(lambda: length() == pytest.approx(0.01 * 20.0))
-    (answer,) = cell.node.set_parameters([Parameter('force_scale', value=-1.0)])
-    assert not answer.successful
-
-
-def test_robot_description_is_the_nominal_arm(cell):
+def test_robot_description_is_the_nominal_arm(cell: Cell) -> None:
     cell.wait(lambda: 'robot_description' in cell.heard)
     robot = ElementTree.fromstring(cell.heard['robot_description'].data)
     assert [link.attrib['name'] for link in robot.iterfind('link')] == ['base_link', 'link1', 'link2', 'tool0']
+
+
+def test_objects_are_where_the_cell_says() -> None:
+    block = Outline('block', ((0.1, 0.2), (0.2, 0.2), (0.2, 0.3), (0.1, 0.3)))
+    (body, name), (line, _) = (object_markers([each], PLANE) for each in (Disc('disc', 0.2, 0.4, 0.05), block))
+    assert (body.pose.position.x, body.pose.position.y, body.scale.x, body.scale.y) == (0.2, 0.4, 0.1, 0.1)
+    assert name.text == 'disc'
+    np.testing.assert_allclose([(point.x, point.y) for point in line.points], block.shape())
+
+
+@pytest.mark.parametrize('frame', ['base', 'tool'])
+def test_a_force_ends_at_the_tip_and_is_as_long_as_it_is_large(frame: str) -> None:
+    nominal = NOMINAL.replace(theta1=0.2, theta2=-0.1)
+    dot, arrow = touch_markers(SEEN | {'frame': frame}, nominal, 0.002, PLANE)
+    tail, head = np.array([(point.x, point.y) for point in arrow.points])
+    np.testing.assert_allclose(head, forward(nominal, (0.8, 2.1)))
+    assert (dot.pose.position.x, dot.pose.position.y) == pytest.approx(tuple(head))
+    c, s = (np.cos(3.0), np.sin(3.0)) if frame == 'tool' else (1.0, 0.0)
+    np.testing.assert_allclose(head - tail, 0.002 * np.array([-9.8 * c - 0.1 * s, -9.8 * s + 0.1 * c]))
+
+
+def test_a_touch_that_is_not_used_is_another_dot_and_one_without_a_place_is_not_drawn() -> None:
+    (dot,) = touch_markers(SEEN | {'accepted': 'false'}, NOMINAL, 0.002, PLANE)
+    assert (dot.ns, dot.type) == ('rejected', Marker.SPHERE)
+    for wrong in ({'q1_rad': ''}, {'fx_N': 'nan'}, {'q2_rad': 'x'}):
+        assert touch_markers(SEEN | wrong, NOMINAL, 0.002, PLANE) == []

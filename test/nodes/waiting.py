@@ -3,47 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from benchmark.cell_nodes import DemoClient
 from scara_kinetostatic.nodes.streams import LATCHED
 
 WAIT = 300.0
 """After so long a test hangs, s; what it waits for comes at once on an idle machine."""
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    """Whether a condition comes true."""
-    end = monotonic() + WAIT
-    while not condition() and monotonic() < end:
-        sleep(0.02)
-    return condition()
-
-
-def meet(node: Node, *publishers: Publisher) -> None:
-    """Waits until each publisher and the subscription of a cell's node know each other: then nothing is missed."""
-
-    def met() -> bool:
-        heard = {item._subscription.topic_name: item._subscription for item in node._streams.monitors.values()}
-        return all(one.get_subscription_count() and heard[one.topic_name].get_publisher_count() for one in publishers)
-
-    assert eventually(met)
-
-
-def trigger(client: DemoClient, service: str) -> Trigger.Response:
-    """The answer of a service."""
-    return client.call(service, Trigger, Trigger.Request(), WAIT)
 
 
 class Bench:
@@ -78,8 +53,13 @@ class Bench:
         while not until():
             step()
             self._executor.spin_once(timeout_sec=0.02)
-            getattr(self.node, 'poll', bool)()
             assert monotonic() < end, [(status.level, status.message) for status in self.statuses[-1:]]
+
+    def meet(self, *publishers: Publisher) -> None:
+        """Waits until each publisher and the subscription of the node know each other: then nothing is missed."""
+        heard = {item._subscription.topic_name: item._subscription for item in self.node._streams.monitors.values()}
+        for one in publishers:
+            self.wait(lambda: one.get_subscription_count() and heard[one.topic_name].get_publisher_count())  # noqa: B023
 
     def call(
         self, service: str, step: Callable[[], object] = lambda: None, kind: Any = Trigger, request: Any = None
