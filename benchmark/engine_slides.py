@@ -20,7 +20,7 @@ from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.simulation.motion import CellState, Motion, minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
-from scara_kinetostatic.simulation.slides import Ellipse, Slide, SlidePhase, SlideTiming, Track, slow_errors
+from scara_kinetostatic.simulation.slides import Circle, Slide, SlidePhase, SlideTiming, Track, slow_errors
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
@@ -66,7 +66,7 @@ class SlideController:
     Args:
         scene: the robot, with its contact friction.
         cell: its tip has the radius of the scene's, 5 mm.
-        slide: the object, no ellipse, and how to slide along it; its friction is not used.
+        slide: the object, and how to slide along it; its friction is not used.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -78,9 +78,9 @@ class SlideController:
         self._track = Track(slide.outline, cell.tip_radius or 0.0)
         self._travelled = slide.begin * self._track.length
         self._depth, self._lift, self._force = -self.timing.clearance, 0.0, 0.0
-        item: Disc | Outline | Ellipse = slide.outline
-        if isinstance(item, Ellipse):
-            item = Disc('disc', *item.center, item.semi_axes[0] + (cell.tip_radius or 0.0))
+        item: Disc | Outline | Circle = slide.outline
+        if isinstance(item, Circle):
+            item = Disc('disc', *item.center, item.radius + (cell.tip_radius or 0.0))
         self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), sliding=True)
         self._ticks: list[tuple[Floats, Floats, int]] = []
 
