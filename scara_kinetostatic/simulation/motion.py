@@ -15,8 +15,8 @@ A(Q(t), L̄) with them. What joints with memory keep goes from touch to touch al
 unloading and the free motion between touches; see `load_history`.
 
 **Where the tip is.** S = S_planned + u n + v t, n inward. With d what the effects on the object add and n_F the
-direction of the force, (11) is r n_F = (r - u) n - v t - d: n_F has the part a = -(v + d_t) / r along t, and
-u = r (1 - √(1 - a²)) - d_n. v and d are found by fixed-point iteration.
+direction of the force, (11) is w = (r - u) n - v t, w = r n_F + d. v, by which the rigid tip comes to its line, and n_F,
+which turns with w, are found by fixed-point iteration.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
+from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, joints_under_load
@@ -328,31 +328,26 @@ class Trajectory(Motion):
             Q, (k, 2), rad, NaN where the place is out of reach; F on the object, (k, 2), N; u, (k,), m,
             NaN where there is no such touch.
         """
-        n, at = self._inward[touch], self._surfaces.select(touch)
-        t, depth, aside = quarter_turn(n), np.zeros(len(touch)), np.zeros(len(touch))
-        planned, direction = relative_force * self.plan.force[touch], n
-        before = tip = self._contact[touch]
-        size = np.maximum(planned, FIRST_FORCE)[:, None]
-        joints = self._without_effects(tip, size * n, touch)
+        at, n, contact = self._surfaces.select(touch), as_complex(self._inward[touch]), self._contact[touch]
+        planned, depth, aside = relative_force * self.plan.force[touch], np.zeros(len(touch)), np.zeros(len(touch))
+        size, direction = np.maximum(planned, FIRST_FORCE)[:, None], n
+        joints = self._without_effects(contact, size * pairs(n), touch)
         metadata = self.metadata.select(touch)._replace(history=self._histories[stage, touch])
-        law, rigid = Law(self.model, self.cell.gripper_sign), forward(self.truth, joints)
+        law, rigid, changed = Law(self.model, self.cell.gripper_sign), forward(self.truth, joints), depth
         for _ in range(_MOST_PASSES if self.model.effects else 0):
+            tip, before = contact + pairs(n * (depth + 1j * aside)), (depth, aside, direction)
             with np.errstate(invalid='ignore'):  # where the object is not on the line
-                found = joints_under_load(law, tip, Force.of(size * direction), metadata.posture, metadata)
+                found = joints_under_load(law, tip, Force.of(size * pairs(direction)), metadata.posture, metadata)
                 joints, state = found.joints, cast('TouchState', found.state)
-                shift = self.model.object_shift(
-                    state._replace(centers=at.centers, radii=at.radii, tangents=at.tangents)
-                )
-                aside = aside - ((forward(self.truth, joints) - rigid) * t).sum(axis=1)
-                across = -(aside + (shift * t).sum(axis=1)) / at.radii
-                along = np.sqrt(1.0 - across**2)
-            depth = at.radii * (1.0 - along) - (shift * n).sum(axis=1)
-            direction = along[:, None] * n + across[:, None] * t
-            before, tip = tip, self._contact[touch] + depth[:, None] * n + aside[:, None] * t
-            if not (np.abs(tip - before) > 1e-15).any():
+                of_object = state._replace(centers=at.centers, radii=at.radii, tangents=at.tangents)
+                reach = at.radii * direction + as_complex(self.model.object_shift(of_object))
+                aside = aside - (as_complex(forward(self.truth, joints) - rigid) * n.conj()).imag
+                along = np.sign(at.radii) * np.sqrt(np.abs(reach) ** 2 - aside**2)
+                depth, direction = at.radii - along, direction * n * (along - 1j * aside) / reach
+            changed = np.abs(np.subtract((depth, aside, direction), before)).max(axis=0)
+            if not (changed > 1e-14).any():
                 break
-        is_settled = (np.abs(tip - before) < 1e-12).all(axis=1)
-        return joints, planned[:, None] * direction, np.where(is_settled, depth, np.nan)
+        return joints, planned[:, None] * pairs(direction), np.where(changed < 1e-12, depth, np.nan)
 
     def _without_effects(self, tip: Floats, force: Floats, touch: Indices) -> Floats:
         """Ḡ of the base model for places and forces of touches: Q, (k, 2), rad."""
