@@ -15,8 +15,8 @@ A(Q(t), L̄) with them. What joints with memory keep goes from touch to touch al
 unloading and the free motion between touches; see `load_history`.
 
 **Where the tip is.** S = S_planned + u n + v t, n inward. With d what the effects on the object add and n_F the
-direction of the force, (11) is w = (r - u) n - v t, w = r n_F + d. v, by which the rigid tip comes to its line, and n_F,
-which turns with w, are found by fixed-point iteration.
+direction of the force, (11) is w = (r - u) n - v t, w = r n_F + d; on a straight edge w = (r - u) n. v, by which the
+rigid tip comes to its line, and n_F, which turns with w, are found by fixed-point iteration.
 """
 
 from __future__ import annotations
@@ -342,8 +342,9 @@ class Trajectory(Motion):
                 of_object = state._replace(centers=at.centers, radii=at.radii, tangents=at.tangents)
                 reach = at.radii * direction + as_complex(self.model.object_shift(of_object))
                 aside = aside - (as_complex(forward(self.truth, joints) - rigid) * n.conj()).imag
-                along = np.sign(at.radii) * np.sqrt(np.abs(reach) ** 2 - aside**2)
-                depth, direction = at.radii - along, direction * n * (along - 1j * aside) / reach
+                beside = np.where(at.is_edge, 0.0, aside)  # along an edge the object has no place
+                along = np.sign(at.radii) * np.sqrt(np.abs(reach) ** 2 - beside**2)
+                depth, direction = at.radii - along, direction * n * (along - 1j * beside) / reach
             changed = np.abs(np.subtract((depth, aside, direction), before)).max(axis=0)
             if not (changed > 1e-14).any():
                 break

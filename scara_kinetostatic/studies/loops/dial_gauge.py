@@ -29,8 +29,7 @@ a joint with lever l, torque F l and Δq = ΔS / l:
 
     p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
 
-A gauge at the end-effector measures joint and gripper in series; both dead zones add. Where the gripper was measured
-along the same direction in the same experiment, its displacement is subtracted, and its variance added.
+A gauge at the end-effector measures joint and gripper in series; both dead zones add, and the result says so.
 
 **Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
 (6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
@@ -44,7 +43,7 @@ u measures uᵀPu alone, of the general gripper (7).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -161,27 +160,21 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
     if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
         problem = 'a continuous record: it has a time and neither cycle nor direction'
         raise RecordingError(table.source, problem, 'give it to the verb hysteresis, or leave the time out')
-    cells['line'] = [line for line, _ in table.rows]
-    runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for values_of_row in zip(*cells.values(), strict=True):
-        row = dict(zip(cells, values_of_row, strict=True))
-        if row['part'] == GRIPPER:
-            row['lever'] = math.nan
-        elif math.isnan(row['lever']):
-            where, remedy = f'{table.source}: line {row["line"]}', 'add a column lever_m, or give --lever'
-            raise ParameterError(where, 'a joint needs its lever', remedy)
-        own = row['part'], row['gauge_at'], str(round(row['direction'], 6)), str(round(row['lever'], 9))
-        runs.setdefault(own, []).append(row)
-    return GaugeTable(tuple(_readings(table.source, rows) for rows in runs.values()), notes)
-
-
-def _readings(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
-    """One run, from its rows."""
-    arrays: dict[str, Any] = {
-        name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')
-    }
-    of_run = {name: rows[0][name] for name in ('part', 'gauge_at', 'direction', 'lever')}
-    return Readings(**arrays, **of_run, source=source)
+    lines, rows = [line for line, _ in table.rows], dict[tuple[str, ...], list[int]]()
+    for k, part in enumerate(cells['part']):
+        if part == GRIPPER:
+            cells['lever'][k] = math.nan
+        elif math.isnan(cells['lever'][k]):
+            remedy = 'add a column lever_m, or give --lever'
+            raise ParameterError(f'{table.source}: line {lines[k]}', 'a joint needs its lever', remedy)
+        turn, lever = round(cells['direction'][k], 6), round(cells['lever'][k], 9)
+        rows.setdefault((part, cells['gauge_at'][k], str(turn), str(lever)), []).append(k)
+    arrays = {name: np.array(cells[name]) for name in ('force', 'displacement', 'cycle')} | {'line': np.array(lines)}
+    runs = []
+    for own in rows.values():
+        of_run = {name: cells[name][own[0]] for name in ('part', 'gauge_at', 'direction', 'lever')}
+        runs.append(Readings(**{name: each[own] for name, each in arrays.items()}, **of_run, source=table.source))
+    return GaugeTable(tuple(runs), notes)
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
@@ -545,8 +538,7 @@ def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
     """
     fits = [(each, fit_run(each)) for each in readings]
     level = LEVEL / sum(len(fit.checks) + 2 for _, fit in fits)
-    grippers = [(each, fit) for each, fit in fits if each.part == GRIPPER]
-    runs = [_run(each, fit, grippers, level) for each, fit in fits]
+    runs = [_run(each, fit, level) for each, fit in fits]
     by_part = {name: tuple(run for run in runs if run.readings.part == name) for name in PARTS}
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
@@ -557,23 +549,13 @@ def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
     return DialGaugeAnalysis(parts, tuple(warnings))
 
 
-def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
-    """What a run says of its part; checks fail below a level.
-
-    A joint's run is without the gripper's contribution where the gauge was at the tip and the gripper was measured
-    along the same direction, within 0.5°.
-    """
+def _run(readings: Readings, fit: RunFit, level: float) -> Run:
+    """What a run says of its part; checks fail below a level."""
     compliance, gap, note = fit.compliance, fit.gap, ''
-    if readings.part != GRIPPER and readings.gauge_at == TIP:
-        turns = [(each.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each, _ in grippers]
-        there = [own for (_, own), turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
-        note = 'the gauge was at the tip: compliance and gap include those of the gripper'
-        if there:
-            one, other = mean([own.compliance for own in there]), mean([own.gap for own in there])
-            compliance, gap = compliance.plus(-one.value, one.std), gap.plus(-other.value, other.std)
-            note = 'the gripper along this direction was subtracted'
     if readings.part != GRIPPER:
         compliance, gap = compliance.over(readings.lever**2, 'rad/Nm'), gap.over(readings.lever, 'rad')
+        if readings.gauge_at == TIP:
+            note = 'the gauge was at the tip: compliance and gap include those of the gripper'
     failed = tuple(check for check in fit.checks if check.p_value < level)
     outliers = tuple(np.flatnonzero(fit.row_p < level / fit.used.sum()).tolist())
     return Run(readings, fit, compliance, gap, failed, outliers, note)

@@ -113,7 +113,7 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
     if predicted:
         begins = 'the unloading' if study.records[0].is_at_rest_first else 'the end of the first third'
         note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
-        found = _record_table(selections[0], predicted), *_figures(selections[0], predicted, 'other')
+        found = _record_table(selections[0], predicted), _figures(selections[0], predicted, 'other')
         blocks += (Section('Further records, predicted', (note, *found)),)
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
@@ -209,7 +209,7 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     )
     judged = selection.judged
     return (
-        Section('Records', (_record_table(selection, judged), *_figures(selection, judged, name))),
+        Section('Records', (_record_table(selection, judged), _figures(selection, judged, name))),
         Section('Laws compared', (_candidate_table(selection), compared)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
@@ -241,9 +241,6 @@ def _record_table(selection: Selection, judged: Sequence[Judged]) -> Table:
         ('range of load', records[0].load_unit, [_number(float(np.ptp(each.load))) for each in records]),
         ('of response', moved.unit, [_number(moved.per_si * float(np.ptp(each.response))) for each in records]),
     ]
-    if not any(each.path.in_loops for each in judged):
-        stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in records]
-        columns.append(('stays', moved.unit, stays))
     columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
         columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
@@ -284,8 +281,8 @@ def _parameter_table(selection: Selection) -> Table:
     return Table(('parameter', *headings), ('',) * (1 + len(columns)), tuple(rows))
 
 
-def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
-    """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
+def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> Figures:
+    """Pictures of each record, that with the largest error of law (6) first."""
     order = sorted(enumerate(judged), key=lambda numbered: -numbered[1].before_rms)
     pictures = [
         Figure(partial(_picture, selection, each, f'{name}_{k}'), title=each.path.record.name) for k, each in order
@@ -293,8 +290,7 @@ def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[
     note = (
         'Before, after: error (rms) by law (6) and by the selected law. Measured, and predicted where it was held out.'
     )
-    more = Section(f'{len(pictures) - 4} more', (Figures(tuple(pictures[4:])),), folded=True)
-    return [Figures(tuple(pictures[:4]), note), *[more][: len(pictures[4:])]]
+    return Figures(tuple(pictures), note)
 
 
 def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
@@ -337,13 +333,8 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
 
 
 def _part(part: dial_gauge.Part) -> Document:
-    maps = {}
-    for what, isotropy in part.combined.items() if part.over_direction else ():
-        values = [getattr(run, what).value for run in part.runs]
-        extent = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
-        maps[what] = extent | {'isotropy': isotropy}
     runs = {'runs': [_run(run) for run in part.runs]}
-    return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
+    return _quantities(part) | runs | ({'over_direction': part.combined} if part.over_direction else {})
 
 
 def _quantities(each: dial_gauge.Part | dial_gauge.Run) -> Document:
