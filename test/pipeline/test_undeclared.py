@@ -56,4 +56,4 @@ def test_they_are_made_again_from_the_truth(name, tmp_path):
     kept, made = read_streams(path_of(name), cell), read_streams(again, cell)
     np.testing.assert_array_equal(kept.joints.stamp, made.joints.stamp)
     np.testing.assert_allclose(made.joints.position, kept.joints.position, rtol=0, atol=2.1e-6)
-    np.testing.assert_allclose(made.wrench.force, kept.wrench.force, rtol=0, atol=0.02)
+    np.testing.assert_allclose(made.wrench.force, kept.wrench.force, rtol=1e-3, atol=0.02)
