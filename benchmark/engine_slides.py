@@ -19,7 +19,7 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.simulation.motion import CellState, Motion, minimum_jerk
-from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
+from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, Settings
 from scara_kinetostatic.simulation.slides import Circle, Slide, SlidePhase, SlideTiming, Track, slow_errors
 
 COMPLIANCE = 2.5e-5
@@ -28,6 +28,10 @@ FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
 _FASTEST = 8e-3
 """Fastest motion along the normal, m/s."""
+DAMPING_TIME = 2e-5
+"""Damping of the contact over its stiffness, s."""
+IMPEDANCE = 0.7
+"""Of the contact at any depth: with 0.9 and this damping the tip bounces where it has no backlash."""
 
 
 class EngineSlide(Motion):
@@ -81,8 +85,17 @@ class SlideController:
         item: Disc | Outline | Circle = slide.outline
         if isinstance(item, Circle):
             item = Disc('disc', *item.center, item.radius + (cell.tip_radius or 0.0))
-        self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), sliding=True)
+        self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), smooth=True)
+        self._soften_contacts()
         self._ticks: list[tuple[Floats, Floats, int]] = []
+
+    def _soften_contacts(self) -> None:
+        """The object is as hard as steel, not as the engine makes it, and the damping is small: see `Engine`."""
+        model = self.engine.model
+        objects, ball = model.geom_contype > 0, model.geom('ball').bodyid[0]
+        stiffness = Settings.sliding_stiffness * model.body_invweight0[ball, 0] * (1.0 - IMPEDANCE)
+        model.geom_solref[objects] = (-stiffness, -DAMPING_TIME * stiffness)
+        model.geom_solimp[objects, :2] = IMPEDANCE
 
     def run(self) -> EngineSlide:
         """Approaches, slides, retracts.
