@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.studies.loops.dial_gauge import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeAnalysis, analyse_runs
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
@@ -78,19 +75,3 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
     assert len(part.runs) == 2
     assert part.gap.std > 2e-5
     assert any('inconsistent in gap' in warning for warning in warnings)
-
-
-@pytest.mark.parametrize(('joint', 'lever'), [(1, 0.66), (2, 0.33)])
-def test_a_simulated_joint_moves_the_end_as_the_model_does(joint, lever):
-    """ΔS by H̄, to first order in the deflection."""
-    run = EXACT.run(np.random.default_rng(0), f'joint{joint}')
-    assert run.lever == pytest.approx(lever)
-    p, g = np.array(BENCH.p), np.array(BENCH.gap) / 2
-    p[2 - joint], g[2 - joint] = 0.0, 0.0
-    robot = Parameters(l1=0.33, l2=0.33, p_ee=0.0, p1=p[0], p2=p[1], g1=g[0], g2=g[1])
-    stretched = np.tile([np.pi / 2, 0.0], (len(run), 1))
-    on_object = np.stack([-run.force, np.zeros_like(run.force)], axis=-1)
-    links = stretched - joint_deflection(robot, joint_torques(robot, stretched, on_object))
-    moved = forward(robot, links)[:, 0] - forward(robot, stretched)[:, 0]
-    loaded = run.force != 0
-    np.testing.assert_allclose(run.displacement[loaded], moved[loaded], rtol=1e-4, atol=1e-9)

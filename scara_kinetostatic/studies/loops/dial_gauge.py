@@ -45,7 +45,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +52,7 @@ from scipy import stats
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
 from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Table, load_table, one_of
+from scara_kinetostatic.files.columns import Column, Table, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.studies.loops.record import LEVEL
 from scara_kinetostatic.studies.loops.selection import Estimate
@@ -133,22 +132,17 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
-    """Reads a table of readings.
+def load_readings(table: Table, **defaults: str | float) -> GaugeTable:
+    """The readings in a table.
 
     Args:
-        path: the file.
+        table: the file.
         defaults: by name of an optional column, the value where it is missing, or a cell of it is empty; SI.
 
     Raises:
         ParameterError: the rows of a joint have no lever.
-        RecordingError: the file cannot be read, a column or a row of it is wrong, or it is a continuous record.
+        RecordingError: a column or a row of it is wrong, or it is a continuous record.
     """
-    return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
-
-
-def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
-    """The readings in a table; see `load_readings`."""
     places = table.find(COLUMNS)
     values = table.read(places)
     cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
@@ -574,21 +568,12 @@ def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, over_direction=True)
 
 
-_MEANING = {
-    'slope_difference': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
-    'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
-    'curvature': 'the lines deviate from straight by {value:.3g} ± {std:.2g} µm: the compliance depends on the load',
-    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; half of it is contained in the gap",
-    'gap_repeatability': 'the gap varies by {value:.3g} µm between cycles; its standard deviation includes this',
-    'slope_repeatability': 'the slope varies by {value:.3g} µm/N between cycles; its standard deviation includes this',
-}
-
-
 def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
-    name, checks = run.readings.name, run.failed_checks
-    meanings = (_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std) for check in checks)
-    found = [f'{name}: {meaning}' for meaning in meanings]
+    name, found = run.readings.name, []
+    for check in run.failed_checks:
+        size = f'{1e6 * check.value:.3g} ± {1e6 * check.std:.2g} µ{check.unit}'.replace(' ± nan', '')
+        found.append(f'{name}: {check.name.replace("_", " ")} of {size} (p = {check.p_value:.2g})')
     if run.outliers:
         where = f'{run.readings.source}: line {", ".join(map(str, run.readings.line[list(run.outliers)]))}'
         found.append(f'{where}: far from the straight line of {name}; check for a typing error')

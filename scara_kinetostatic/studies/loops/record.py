@@ -143,7 +143,7 @@ class Record:
         """Standard deviation of a column at rest, in loops from its differences, in its unit."""
         if self.is_at_rest_first:
             return float(values[self.rest].std(ddof=1))
-        return 1.4826 * float(np.median(np.abs(np.diff(values)))) / np.sqrt(2.0)
+        return noise_of(values)
 
 
 def check_alike(records: Sequence[Record]) -> None:
@@ -255,10 +255,15 @@ def _load_comes_on(load: Floats) -> int:
     The rest ends where a cumulative sum of the load less its noise turns upwards for good (Page, Biometrika 41, 1954).
     """
     change = load - np.median(load[:_FEWEST_AT_REST])
-    size, noise = np.abs(change), 1.4826 * float(np.median(np.abs(np.diff(load)))) / np.sqrt(2.0)  # normal distribution
-    loaded = int(np.argmax(size > max(0.1 * size.max(), min(5 * noise, 0.5 * size.max()))))
-    rising = np.cumsum(np.sign(change[loaded]) * change[:loaded] - noise)
+    size = np.abs(change)
+    loaded = int(np.argmax(size > max(0.1 * size.max(), min(5 * noise_of(load), 0.5 * size.max()))))
+    rising = np.cumsum(np.sign(change[loaded]) * change[:loaded] - noise_of(load[: loaded + 1]))
     return max(loaded - int(np.argmin(rising[::-1])), 1) if loaded else 1
+
+
+def noise_of(values: Floats) -> float:
+    """Standard deviation of white noise on a signal that changes slowly, by the median of its differences."""
+    return 1.4826 * float(np.median(np.abs(np.diff(values)))) / np.sqrt(2.0) if len(values) > 1 else 0.0
 
 
 class RecordPath:

@@ -140,18 +140,14 @@ def verdict(selection: Selection) -> Verdict:
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
         headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
-        sentences = list[str]()
         if selection.needs_memory:
             headline, level = 'Law (6) is sufficient only with a gap that keeps its place when unloaded', 'caution'
         if selection.verdict == UNDECIDED:
             headline, level = 'These records do not show whether law (6) is sufficient', 'caution'
             residual = 'the residual of law (6)'
-            smaller = ', '.join(each.law.title for each in selection.candidates if selection.is_clearly_smaller(each))
-            if smaller:
-                sentences = [f'Held out, these err clearly less, though not significantly: {smaller}.']
         found = f'No dependence of {residual} was found ({chances}).'
         found += f' Each test would have found {limit:.0f} % of its square.'
-        return Verdict(headline, level, (found, *sentences, *_reservations(selection), errors))
+        return Verdict(headline, level, (found, *_reservations(selection), errors))
     evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
     if selected is None:
         headline = 'Law (6) is not sufficient, and no candidate predicts significantly better'
@@ -407,11 +403,9 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
     for what, isotropy in part.combined.items() if part.over_direction else ():
         test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
         test += f', {p_equals(isotropy.p_value)}'
-        if isotropy.p_value >= LEVEL:
-            found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
-            continue
         values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
-        found.append(f'The {what} depends on the direction ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
+        word = 'depends on the direction' if isotropy.p_value < LEVEL else 'is equal in all directions'
+        found.append(f'The {what} {word} ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
 
 

@@ -83,13 +83,9 @@ def paper_report(r: Reproduction) -> Report:
     """The page: tables and figures of the paper beside those computed here."""
     reached = (
         'Without noise both estimators reach the true parameters to rounding error, '
-        f'{r.exact.paper.force_error:.0e} N against {FORCE_ERROR:.1e} N in the paper. Where numbers differ, the reason '
-        'is given with them.'
+        f'{r.exact.paper.force_error:.0e} N against {FORCE_ERROR:.1e} N in the paper.'
     )
-    source = (
-        'Reproduction of sections 4 and 5 of the paper. All data on this page are simulated; values that the paper '
-        'prints are marked as printed.'
-    )
+    source = 'Reproduction of sections 4 and 5 of the paper. All data are simulated but those marked as printed.'
     return Report(
         title='Kinetostatic calibration of a SCARA robot',
         source=source,
@@ -105,14 +101,12 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
         'to (14), bounded and shortened as in section 4.3.'
     )
     trend = (
-        'Of the printed curve only the last value is known as a number. Here the error is at rounding level after '
-        f'{r.exact.paper.iterations} steps; in the paper it is 4.5e-5 N after about 30. The weighted estimate takes '
-        f'{r.exact.weighted.iterations} iterations.'
+        f'Rounding level after {r.exact.paper.iterations} steps; in the paper 4.5e-5 N after about 30. The weighted '
+        f'estimate takes {r.exact.weighted.iterations} iterations.'
     )
     start = (
-        'At the nominal parameters the tip misses most discs by more than its whole deflection: there A = 0 and '
-        '∂A/∂L̄ = 0, and (12) defines no step. The paper does not say how it starts. Here the touches, which are known '
-        'to be contacts, are predicted with a two-sided contact (dotted), which equals A wherever the tip presses.'
+        'At the nominal parameters most touches predict no contact: A = 0, and (12) defines no step. Here the touches '
+        'are predicted with a two-sided contact (dotted), which equals A wherever the tip presses.'
     )
     printed = (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
     combinations = ', '.join(f'{1e6 * determined_combination(values.as_array()):.2f}' for values in printed)

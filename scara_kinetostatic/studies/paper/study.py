@@ -54,9 +54,8 @@ from scara_kinetostatic.calibration.fit_point import base_force, force_error, fo
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
@@ -182,12 +181,7 @@ def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
     Args:
         touches: Q and F; the sensor in the base frame, as in the paper.
         cell: discs and sign of (7).
-
-    Raises:
-        ParameterError: the sensor is in the tool frame, which the paper does not consider.
     """
-    if cell.sensor.frame is not SensorFrame.BASE:
-        raise ParameterError('sensor.frame', 'the algorithm of the paper takes forces in the base frame')
     observations = observe(touches, cell)
     measured = base_force(observations, ExtendedModel(cell.nominal))
 
