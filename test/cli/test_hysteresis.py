@@ -44,7 +44,7 @@ def test_loops(run, tmp_path):
     for words in (
         'Law (6) is sufficient for 1 of 2 records',
         'Driven by their motion: the force is predicted from the displacement.',
-        'Law (6) is not sufficient: Coulomb friction in series: the joint slips at a limit of the force',
+        'Law (6) is not sufficient: slip in series',
         'Law (6), slope and gap, is sufficient',
         'selected',
         'µm/N',

@@ -87,6 +87,7 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     motion = Trajectory(CELL, truth, PLAN)
     time = np.linspace(0.0, motion.duration, 20_000)
     instant = motion.state_at(time)
+    assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
     load = np.hypot(*instant.force.T)
     assert np.all(load[(instant.phase == Phase.TRAVEL) | (instant.phase == Phase.PAUSE)] == 0)
     held = instant.phase == Phase.HOLD

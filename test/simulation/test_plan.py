@@ -83,9 +83,6 @@ def test_every_other_touch_is_preloaded(levels):
     for disc in range(3):
         here = plan.disc == disc
         assert [beyond[here & (plan.posture == side)].mean() for side in (1, -1)] == [0.5, 0.5]
-        assert abs(np.corrcoef(beyond[here], plan.force[here])[0, 1] if len(levels) > 1 else 0.0) < 0.15
-        for wave in (np.cos, np.sin):
-            assert abs(np.corrcoef(beyond[here], wave(plan.angle[here]))[0, 1]) < 0.22
     assert abs(np.corrcoef(beyond, np.arange(len(plan)))[0, 1]) < 0.1
 
 

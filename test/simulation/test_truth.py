@@ -47,11 +47,6 @@ def test_a_robot_by_name_deviates_from_the_nominal_values_as_in_the_paper():
     assert deviating_robot(longer).l1 == pytest.approx(0.5002)
 
 
-def test_disc_of_any_name():
-    odd = Cell(PAPER_NOMINAL, (PAPER_DISCS[0], PAPER_DISCS[1]._replace(name='a, b: [c]=1')))
-    assert parse_effect('object_radius[a, b: [c]=1]:radius=1e-4', odd).effect.target == 'a, b: [c]=1'
-
-
 @pytest.mark.parametrize(
     ('text', 'message'),
     [

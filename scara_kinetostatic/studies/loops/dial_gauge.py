@@ -234,14 +234,10 @@ class CombinedEstimate(NamedTuple):
 
     Attributes:
         estimate: weighted mean; where the estimates are inconsistent its std includes the variance between them.
-        chi_square: of the estimates about their mean.
-        degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
     """
 
     estimate: Estimate
-    chi_square: float
-    degrees_of_freedom: int
     p_value: float
 
 
@@ -267,8 +263,7 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEst
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
-    found = Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit)
-    return CombinedEstimate(found, chi_square, count - 1, p_value)
+    return CombinedEstimate(Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit), p_value)
 
 
 ZERO_BAND = 0.02

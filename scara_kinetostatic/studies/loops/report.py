@@ -152,10 +152,10 @@ def verdict(selection: Selection) -> Verdict:
     if selected is None:
         headline = 'Law (6) is not sufficient, and no candidate predicts significantly better'
         return Verdict(headline, 'bad', (evidence, errors))
-    meanings = [record.words(each.law.meaning) for each in (selected, *selection.rivals)]
-    headline = f'Law (6) is not sufficient: {meanings[0]}'
+    headline = f'Law (6) is not sufficient: {selected.law.title}'
     if selection.rivals:
-        headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
+        titles = ' and '.join(each.law.title for each in (selected, *selection.rivals))
+        headline = f'Law (6) is not sufficient; these records do not distinguish between {titles}'
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
     errors = f'{held_out}, the error falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
@@ -197,11 +197,10 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
     compared = Note(
-        'Errors: rms. Held out: predicted by fits that have not seen what is judged; zero and state of friction are '
-        'from the samples before. p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), '
-        'which counts the parameters. '
-        'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
-        'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
+        'Errors: rms. Held out: predicted by fits that have not seen what is judged. p: p-value of no better '
+        'prediction than by law (6). ΔBIC: difference to law (6). Better: in the rms, in BIC and in the test (0.5 %, '
+        'shared among the laws). Selected: of these the one with the smallest BIC; of several forms the simplest '
+        'within 2.'
     )
     judged = selection.judged
     return (
@@ -401,11 +400,9 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
     for what, isotropy in part.combined.items() if part.over_direction else ():
-        test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
-        test += f', {p_equals(isotropy.p_value)}'
         values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
         word = 'depends on the direction' if isotropy.p_value < LEVEL else 'is equal in all directions'
-        found.append(f'The {what} {word} ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
+        found.append(f'The {what} {word} ({p_equals(isotropy.p_value)}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
 
 

@@ -31,9 +31,9 @@ At the end of link 2 the gauge measures the joint alone.
 under a load along u, without friction, the tip is at the point of the ellipse that is farthest along u, so that the gap
 between the two senses is the width of the ellipse,
 
-    gap(φ) = √(gap_major² cos²(φ - axis) + gap_minor² sin²(φ - axis)),
+    gap(φ) = √(gap_major² cos² φ + gap_minor² sin² φ),
 
-an even, smooth function of the direction. By default the gap is largest along x and smallest along y, so that
+an even, smooth function of the direction. The gap is largest along x and smallest along y, so that
 directions 30° apart contain both ends of the measured range; the paper does not state their directions.
 
 **Gap and half gap.** Values of backlash are gaps here, the jump of ΔS at F = 0, as those of figure 4(d) according to
@@ -83,7 +83,6 @@ class DialGaugeBench:
         p_ee: compliance of the gripper, m/N.
         gap_major: its largest gap over the directions, m.
         gap_minor: its smallest.
-        axis: direction of the largest, rad.
         p: compliance of joint 1 and 2, rad/Nm.
         gap: of joint 1 and 2, rad.
         links: their lengths, m.
@@ -93,7 +92,6 @@ class DialGaugeBench:
     p_ee: float = 3.76e-5
     gap_major: float = 2.05e-4
     gap_minor: float = 5.49e-5
-    axis: float = 0.0
     p: tuple[float, float] = (3.23e-5, 1.08e-4)
     gap: tuple[float, float] = (2.64e-4, 2.68e-4)
     links: tuple[float, float] = (0.33, 0.33)
@@ -101,8 +99,7 @@ class DialGaugeBench:
 
     def gripper_gap(self, direction: ArrayLike) -> Floats:
         """Gap of the gripper along directions (rad), m."""
-        turned = np.asarray(direction, dtype=float) - self.axis
-        return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
+        return np.hypot(self.gap_major * np.cos(direction), self.gap_minor * np.sin(direction))
 
     def run(self, rng: np.random.Generator, part: str, direction: float = 0.0) -> Readings:
         """The experiment at the gripper along one direction, joints locked, or at joint 1 or 2, the other one locked.
