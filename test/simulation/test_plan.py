@@ -104,8 +104,6 @@ def test_preload_goes_with_the_touch():
         {'angle': [np.nan]},
         {'preload': [-0.1]},
         {'preload': [5.1]},
-        {'preload': [np.nan]},
-        {'preload': [0.1, 0.1]},
     ],
 )
 def test_senseless_plan(change):
