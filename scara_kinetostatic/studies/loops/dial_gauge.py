@@ -154,20 +154,21 @@ def load_readings(table: Table, **defaults: str | float) -> GaugeTable:
     if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
         problem = 'a continuous record: it has a time and neither cycle nor direction'
         raise RecordingError(table.source, problem, 'give it to the verb hysteresis, or leave the time out')
-    lines, rows = [line for line, _ in table.rows], dict[tuple[str, ...], list[int]]()
+    cells['line'] = [line for line, _ in table.rows]
+    rows: dict[tuple[str, ...], list[int]] = {}
     for k, part in enumerate(cells['part']):
         if part == GRIPPER:
             cells['lever'][k] = math.nan
         elif math.isnan(cells['lever'][k]):
             remedy = 'add a column lever_m, or give --lever'
-            raise ParameterError(f'{table.source}: line {lines[k]}', 'a joint needs its lever', remedy)
+            raise ParameterError(f'{table.source}: line {cells["line"][k]}', 'a joint needs its lever', remedy)
         turn, lever = round(cells['direction'][k], 6), round(cells['lever'][k], 9)
         rows.setdefault((part, cells['gauge_at'][k], str(turn), str(lever)), []).append(k)
-    arrays = {name: np.array(cells[name]) for name in ('force', 'displacement', 'cycle')} | {'line': np.array(lines)}
     runs = []
     for own in rows.values():
-        of_run = {name: cells[name][own[0]] for name in ('part', 'gauge_at', 'direction', 'lever')}
-        runs.append(Readings(**{name: each[own] for name, each in arrays.items()}, **of_run, source=table.source))
+        found: dict[str, Any] = {name: cells[name][own[0]] for name in ('part', 'gauge_at', 'direction', 'lever')}
+        found |= {name: np.array(cells[name])[own] for name in ('force', 'displacement', 'cycle', 'line')}
+        runs.append(Readings(**found, source=table.source))
     return GaugeTable(tuple(runs), notes)
 
 
