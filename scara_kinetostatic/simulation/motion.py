@@ -310,7 +310,8 @@ class Trajectory(Motion):
 
     def _remember(self) -> None:
         """Movements and loads before the stages of each touch, by the joints and forces as they are now."""
-        approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
+        path = np.stack([self.free_joints, self.contact_joints, self.peak_joints])
+        approach, press = (last_movement(part, self.hold_joints) for part in (path, path[1:]))
         peaks, holds = np.hstack([self.peak_joints, self.peak_force]), np.hstack([self.hold_joints, self.hold_force])
         self._histories = load_histories(peaks, holds, self.plan.preload > 0, self.truth)
         known = {'time': self.hold_time, 'approach': approach, 'press': press, 'history': self._histories[_HOLD]}
@@ -358,11 +359,6 @@ class Trajectory(Motion):
     def hold_time(self) -> Floats:
         """Middle of each hold, (m,), s."""
         return self.knots[:, Phase.HOLD] + 0.5 * self.timing.hold
-
-    @property
-    def path(self) -> Floats:
-        """Joint angles before each hold: free, first contact, peak, (3, m, 2), rad."""
-        return np.stack([self.free_joints, self.contact_joints, self.peak_joints])
 
     def state_at(self, time: ArrayLike) -> CellState:
         """The state of the cell at times since the start, (k,), s; before it and past the end the arm rests."""
