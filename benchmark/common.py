@@ -26,7 +26,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, EffectSizes, Noise,
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.simulation.slides import Ellipse
+from scara_kinetostatic.simulation.slides import Circle
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)
@@ -191,7 +191,7 @@ def svg_figure(path: Path, width: float, height: float) -> Iterator[Any]:
         figure.savefig(path, format='svg', metadata={'Date': None})
 
 
-def normal_error(outline: Outline | Ellipse, points: ArrayLike) -> Floats:
+def normal_error(outline: Outline | Circle, points: ArrayLike) -> Floats:
     """Distance of points from the surface along its normal, (k,), m, positive outside."""
     surfaces = surfaces_of([outline], 0.0) if isinstance(outline, Outline) else outline.surfaces(0.0)
     points, is_corner = np.asarray(points, dtype=float), surfaces.radii == 0

@@ -4,7 +4,7 @@
     python -m benchmark.contour --engine [--runs 20]
 
 Per run: a simulated robot touches the three discs of the paper's cell and is calibrated and diagnosed; then it slides
-along a disc, an ellipse and a rounded square that no calibration knows, with friction, under forces of 10 to 25 N. Each
+along a disc and a rounded square that no calibration knows, with friction, under forces of 10 to 25 N. Each
 contour is held against the true surface along its normal. Printed are the rms normal error of four models on the same
 joint angles, forces and normals; that of the noise alone, an exactly known model on the same recordings; and the part
 of the points whose 95 % interval holds the true surface. With `--engine` MuJoCo plays the slides along disc and square;
@@ -36,7 +36,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Ellipse, Slide, circle, ellipse, polygon
+from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, recorded, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
@@ -44,8 +44,7 @@ from scara_kinetostatic.touches.streams import Streams
 CELL = replace(PAPER, tip_radius=0.005)
 ROBOTS = {'actual': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
 OBJECTS = {
-    'disc': circle((0.20, 0.30), 0.06),
-    'ellipse': ellipse((-0.10, 0.42), (0.08, 0.05), 0.3),
+    'disc': Circle((0.20, 0.30), 0.06),
     'rounded square': polygon([[0.10, 0.30], [0.20, 0.30], [0.20, 0.40], [0.10, 0.40]], 0.01),
 }
 PER_DISC = 18
@@ -71,7 +70,7 @@ HEAD = (
 UNITS = ('', 'mm', 'mm', 'µm', 'µm', 'µm', '%', 'of runs')
 
 
-Recorder = Callable[[ExtendedModel, Outline | Ellipse, float, int], Streams]
+Recorder = Callable[[ExtendedModel, Outline | Circle, float, int], Streams]
 """From robot, object, force and seed to a recording."""
 
 
@@ -98,12 +97,12 @@ def calibrated(robot: ExtendedModel, seed: int) -> Outcome:
     return calibrate_touches(simulate_touches(CELL, robot, default_plan(CELL, PER_DISC), seed=seed), CELL)
 
 
-def slide_along(robot: ExtendedModel, outline: Outline | Ellipse, force: float, seed: int) -> Streams:
+def slide_along(robot: ExtendedModel, outline: Outline | Circle, force: float, seed: int) -> Streams:
     """The recording of a slide round an object."""
     return simulate_streams(CELL, robot, (Slide(outline, force, FRICTION, SPEED, end=TURNS),), seed=seed)
 
 
-def played(robot: ExtendedModel, outline: Outline | Ellipse, force: float, seed: int) -> Streams:
+def played(robot: ExtendedModel, outline: Outline | Circle, force: float, seed: int) -> Streams:
     """The recording of a slide round an object in MuJoCo."""
     scene = Scene(parameters=robot.parameters, contact_friction=FRICTION)
     motion = SlideController(scene, CELL, Slide(outline, force, speed=SPEED, end=TURNS)).run()
@@ -111,14 +110,12 @@ def played(robot: ExtendedModel, outline: Outline | Ellipse, force: float, seed:
 
 
 def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) -> list[Held]:
-    """The contours of one calibration; the engine has no ellipse."""
+    """The contours of one calibration."""
     outcome = calibrated(robot, seed)
     base, final = outcome.calibration.arm, outcome.final.arm
     exact = known_exactly(final, robot)
     found = []
     for number, (name, outline) in enumerate(OBJECTS.items()):
-        if record is played and name == 'ellipse':
-            continue
         force = FORCES[(seed + number) % len(FORCES)]
         streams = record(robot, outline, force, 1000 + 10 * seed + number)
         try:
@@ -147,7 +144,7 @@ def surfaces_of(contour: Contour, arm: CalibratedArm) -> tuple[Floats, Floats, F
 
 
 def errors_of(
-    contour: Contour, outline: Outline | Ellipse, base: CalibratedArm, final: CalibratedArm
+    contour: Contour, outline: Outline | Circle, base: CalibratedArm, final: CalibratedArm
 ) -> tuple[float, float, float, float]:
     """Rms normal error: rigid nominal, rigid calibrated, deformable, deformable with the effects found, m."""
     found = [*surfaces_of(contour, base), contour.surface]

@@ -19,8 +19,8 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.simulation.motion import CellState, Motion, minimum_jerk
-from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
-from scara_kinetostatic.simulation.slides import Ellipse, Slide, SlidePhase, SlideTiming, Track, slow_errors
+from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, Settings
+from scara_kinetostatic.simulation.slides import Circle, Slide, SlidePhase, SlideTiming, Track, slow_errors
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
@@ -28,6 +28,10 @@ FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
 _FASTEST = 8e-3
 """Fastest motion along the normal, m/s."""
+DAMPING_TIME = 2e-5
+"""Damping of the contact over its stiffness, s."""
+IMPEDANCE = 0.7
+"""Of the contact at any depth: with 0.9 and this damping the tip bounces where it has no backlash."""
 
 
 class EngineSlide(Motion):
@@ -66,7 +70,7 @@ class SlideController:
     Args:
         scene: the robot, with its contact friction.
         cell: its tip has the radius of the scene's, 5 mm.
-        slide: the object, no ellipse, and how to slide along it; its friction is not used.
+        slide: the object, and how to slide along it; its friction is not used.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -78,11 +82,20 @@ class SlideController:
         self._track = Track(slide.outline, cell.tip_radius or 0.0)
         self._travelled = slide.begin * self._track.length
         self._depth, self._lift, self._force = -self.timing.clearance, 0.0, 0.0
-        item: Disc | Outline | Ellipse = slide.outline
-        if isinstance(item, Ellipse):
-            item = Disc('disc', *item.center, item.semi_axes[0] + (cell.tip_radius or 0.0))
-        self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), sliding=True)
+        item: Disc | Outline | Circle = slide.outline
+        if isinstance(item, Circle):
+            item = Disc('disc', *item.center, item.radius + (cell.tip_radius or 0.0))
+        self.engine = Engine(scene, replace(cell, discs=(item,)), self._command(), smooth=True)
+        self._soften_contacts()
         self._ticks: list[tuple[Floats, Floats, int]] = []
+
+    def _soften_contacts(self) -> None:
+        """The object is as hard as steel, not as the engine makes it, and the damping is small: see `Engine`."""
+        model = self.engine.model
+        objects, ball = model.geom_contype > 0, model.geom('ball').bodyid[0]
+        stiffness = Settings.sliding_stiffness * model.body_invweight0[ball, 0] * (1.0 - IMPEDANCE)
+        model.geom_solref[objects] = (-stiffness, -DAMPING_TIME * stiffness)
+        model.geom_solimp[objects, :2] = IMPEDANCE
 
     def run(self) -> EngineSlide:
         """Approaches, slides, retracts.

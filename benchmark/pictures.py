@@ -64,12 +64,9 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'missing_effect', missing_effect()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
-    paper = reproduce()
-    yield 'figure_3', paper_pictures.trend_picture(paper)
-    yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
+    yield 'figure_3', paper_pictures.trend_picture(reproduce(2))
     design = optimal_design(Robot.of(CELL))
     yield 'number_of_touches', design_pictures.number_picture(design)
-    yield 'scatter', paper_pictures.scatter_picture(paper)
     gripper = analyse_runs(simulate_experiments())[0]['gripper']
     yield 'gripper_backlash', map_picture(gripper, 'gap', 'gap')
     yield 'gripper_force', force_picture(gripper.runs[0], 'force')

@@ -29,6 +29,7 @@ from benchmark.faults.outcomes import FAILURES, Verdict, outcome_of
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.files.calibration_file import load_calibration
 from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.columns import load_table
 from scara_kinetostatic.files.touch_table import POSES, STATES, PoseTable, load_pose_table, load_touch_table
 from scara_kinetostatic.interface import diagnose, simulate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -97,7 +98,7 @@ def kinds(folder: Path) -> list[Kind]:
         _text('record.json', document, CalibrationRecord.load),
         _text('parameters.yaml', written.parameters.read_bytes(), load_result),
         _text('history.sqlite', history.read_bytes(), _history),
-        _text('readings.csv', readings, load_readings),
+        _text('readings.csv', readings, lambda path: load_readings(load_table(path, 'force_N,displacement_mm'))),
         _text('loading.csv', loading, load_record),
     ]
 

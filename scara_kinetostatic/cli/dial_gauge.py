@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> None:
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
     from scara_kinetostatic.files.atomic import check_different
+    from scara_kinetostatic.files.columns import load_table
     from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs, load_readings
     from scara_kinetostatic.studies.loops.report import dial_gauge_document, dial_gauge_report
 
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     check_different(args.tables)
     usual = {'part': args.part, 'lever': args.lever, 'gauge_at': args.gauge_at}
     usual['direction'] = math.radians(args.direction)
-    tables = [load_readings(path, **usual) for path in args.tables]
+    tables = [load_readings(load_table(path, 'force_N,displacement_mm'), **usual) for path in args.tables]
     analysis = analyse_runs([run for table in tables for run in table.runs])
     notes = tuple(note for table in tables for note in table.notes)
     analysis = analysis._replace(warnings=notes + analysis.warnings)

@@ -271,7 +271,7 @@ def _by_undetected(before: CalibrationRecord, after: CalibrationRecord, known: C
         rows = zip(one.columns, one.of_robot, one.size.tolist(), one.at(names).T, strict=True)
         parts.append({column: (size, moved) for column, of_robot, size, moved in rows if not of_robot})
     found, nothing = [], (0.0, np.zeros(len(names)))
-    for column in parts[0].keys() | parts[1].keys():
+    for column in parts[0] | parts[1]:
         (size, moved), (other_size, other) = (part.get(column, nothing) for part in parts)
         one = (size * other_size) ** 0.5
         found.append(other * (one / other_size) - moved * (one / size) if one else moved + other)

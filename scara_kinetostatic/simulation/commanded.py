@@ -358,11 +358,6 @@ class Plant:
         lift = self.cell.lift
         return float((self._position[2] - lift.down) / (lift.up - lift.down)) if lift else 0.0
 
-    @property
-    def left(self) -> float:
-        """Time that is left of the motion, s."""
-        return max(0.0, float(self._motion[0][-1]) - self._elapsed) if self._motion else 0.0
-
     def command(
         self, names: Sequence[str], times: Sequence[float], positions: _Rows, velocities: _Rows | None = None
     ) -> None:

@@ -7,36 +7,37 @@ force begins, `Ḡ(S, 0+)`. From there on the contact S stays and the force foll
 hence F(t) = A(Q(t), L̄) all along, without an inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ +
 6 s⁵. A press with preload goes beyond the force of the hold and eases down to it; without, that phase lasts no time.
 
-The effects of a robot with effects (`ExtendedModel`) are simulated: the joint angles are commanded as above, deeper or
-less deep so that the force of the hold comes about, and the force at any time is A(Q(t), L̄) with the effects. What
-joints with memory keep goes from touch to touch along the whole plan, with preloads, unloading and the free motion
-between touches; see `load_history`.
+A robot with effects (`ExtendedModel`) is pressed along the same line: its controller knows the base model alone and
+goes deeper, or less deep, until the force of the plan is there. So the rigid tip H(Q) is where the base model has it
+under the same force, but for its place along the normal n of the plan. The tip is where the true object is, and the
+force has the planned size, with the direction that object and friction give it. Q(t) is Ḡ with the effects, and F(t) is
+A(Q(t), L̄) with them. What joints with memory keep goes from touch to touch along the whole plan, with preloads,
+unloading and the free motion between touches; see `load_history`.
 
-The simulated controller uses the base model: it commands Ḡ(S, F) without effects. The force that results is F = A(Q,
-L̄) with the effects. A controller that presses until the sensor shows a force therefore commands a point deeper, or
-less deep, than the base model gives. This depth is solved for at two forces, a light one and that of the hold, and is
-linear in the force between them and beyond.
+**Where the tip is.** S = S_planned + u n + v t, n inward. With d what the effects on the object add and n_F the
+direction of the force, (11) is w = (r - u) n - v t, w = r n_F + d; on a straight edge w = (r - u) n. v, by which the
+rigid tip comes to its line, and n_F, which turns with w, are found by fixed-point iteration.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.contact import Contact, contact
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.touch import padded_history, remembered, stacked_histories, torques_of
+from scara_kinetostatic.model.tip import Force, Law, joints_under_load
+from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
 
@@ -86,24 +87,12 @@ def minimum_jerk(part: Floats) -> Floats:
     return part**3 * (10.0 + part * (6.0 * part - 15.0))
 
 
-class Histories(NamedTuple):
-    """Histories at three stages of every touch, (m, K, 4) each, as in `TouchSet.history`.
-
-    Attributes:
-        press: before it.
-        hold: before it, with the preload.
-        release: before it, with the hold.
-    """
-
-    press: Floats
-    hold: Floats
-    release: Floats
-
-
 def load_histories(
     peaks: Floats, holds: Floats, has_preload: Mask, parameters: Parameters, frame: SensorFrame = SensorFrame.BASE
-) -> Histories:
-    """The histories of the touches of a plan.
+) -> Floats:
+    """The histories of the touches of a plan, as in `TouchSet.history`, (3, m, K, 4).
+
+    Before the press; before the hold, with the preload; before the release, with the hold.
 
     Args:
         peaks: Q, rad, and F, N, under the largest force of each touch in the order of time, (m, 4).
@@ -114,28 +103,25 @@ def load_histories(
     """
     points = np.stack([peaks, holds, holds * (1, 1, 0, 0)], axis=1).reshape(-1, 4)
     torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
-    stages: tuple[list[Floats], ...] = ([], [], [])
+    stages: list[Floats] = []
     memory: list[int] = []
     for place in range(len(points)):
-        stages[place % 3].append(points[memory])
+        stages.append(points[memory])
         if place % 3 or has_preload[place // 3]:
             memory.append(place)
             memory = [memory[k] for k in remembered([torques[one] for one in memory])]
-    return Histories(*(stacked_histories(stage, holds[:, :2]) for stage in stages))
-
-
-LIGHT_FORCE = 0.05
-"""The light force, over that of the hold."""
-FORCE_TOLERANCE = 1e-3
-"""Relative error of the force at which the iteration for a depth ends."""
+    found = stacked_histories(stages, np.repeat(holds[:, :2], 3, axis=0))
+    return found.reshape(len(holds), 3, -1, 4).swapaxes(0, 1)
 
 
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
 _MOST_DEPTH = 0.02
-"""Depth up to which a commanded point is moved on in search of the force, m."""
-_MOST_PASSES = 20
-"""Until forces and histories agree; each touch wipes out most of what came before, so that few do."""
+"""How far the object may be from where the plan has it, along the line of the press, m."""
+_MOST_PASSES = 60
+"""Until places and forces, or poses and histories agree: ten or so do, more where the tip all but sticks."""
+_PRESS, _HOLD, _RELEASE = range(3)
+"""Stages of a touch by the load before them, see `load_histories`."""
 
 
 class CellState(NamedTuple):
@@ -272,205 +258,107 @@ class Trajectory(Motion):
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
         self._contact, self._inward = plan.contact(cell), -plan.normal(cell)
-        self._surfaces, self._every = cell.surfaces.select(plan.surface(cell)), np.arange(len(plan))
-        self._planned = self.hold_force = plan.force[:, None] * self._inward
-        self.peak_force = (1.0 + plan.preload)[:, None] * self._planned
-        self._depth = np.zeros((2, len(plan)))
+        self._surfaces = cell.surfaces.select(plan.surface(cell))
+        self.count, every, still = len(plan), np.arange(len(plan)), np.zeros((len(plan), 2))
+        self.metadata = TouchMetadata(plan.disc, still[:, 0], still, plan.posture, still)
+        self.metadata = self.metadata._replace(order=every, surface=plan.surface(cell))
+        self._histories = np.zeros((3, len(plan), 0, 4))
         self._solve_poses()
         spans = [getattr(self.timing, phase.name.lower()) for phase in list(Phase)[1:]]
         durations, ends = np.tile(spans, (len(plan), 1)), np.stack([self.free_joints, self.free_joints], axis=1)
         durations[:, Phase.EASE - 1] *= plan.preload > 0
         self._course = Course(ends, durations, self.timing.travel, self.timing.speed)
-        self.knots, self.duration, self.count = self._course.knots, self._course.duration, len(plan)
-        self.metadata = self._metadata()
+        self.knots, self.duration = self._course.knots, self._course.duration
+        self._remember()
         if self.model.effects:
-            self._include_effects()
+            self._agree()
 
     def _solve_poses(self) -> None:
-        """Joint angles at the ends of the phases.
+        """Joint angles and forces at the ends of the phases.
 
         Raises:
             UnsupportedDataError: the simulated robot cannot reach a touch.
         """
-        self.hold_joints = self._pose(self._commanded_tip(1.0), self._planned)
-        self.contact_joints = self._loaded_joints(self._every, np.zeros(len(self.plan)))
-        self.peak_joints = self._loaded_joints(self._every, 1.0 + self.plan.preload)
+        every, ones = np.arange(self.count), np.ones(self.count)
+        self.hold_joints, self.hold_force, *depths = self._pressed(every, ones, _HOLD)
+        contact_joints, _, at_first = self._pressed(every, 0.0 * ones, _PRESS)
+        peak_joints, self.peak_force, at_peak = self._pressed(every, 1.0 + self.plan.preload, _PRESS)
         clear = self._contact - self.timing.clearance * self._inward
-        self.free_joints = self._near_hold(self._pose(clear, np.zeros_like(clear)))
+        free_joints = self._without_effects(clear, np.zeros_like(clear), every)
+        self.contact_joints, self.peak_joints, self.free_joints = (
+            self._near_hold(joints) for joints in (contact_joints, peak_joints, free_joints)
+        )
         poses = np.hstack([self.hold_joints, self.peak_joints, self.contact_joints, self.free_joints])
-        lost = np.flatnonzero(~np.isfinite(poses).all(axis=1))
+        is_near = (np.abs([*depths, at_first, at_peak]) < _MOST_DEPTH).all(axis=0)
+        lost = np.flatnonzero(~(np.isfinite(poses).all(axis=1) & is_near))
         if len(lost):
             name = self.cell.discs[self.plan.disc[lost[0]]].name
             problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}'
             remedy = 'leave the touch out, move the disc, or simulate a robot closer to the nominal one'
             raise UnsupportedDataError(problem, remedy)
 
-    def _include_effects(self) -> None:
-        """The forces with effects. The metadata are those of the path without effects, then corrected.
-
-        Once, or until the holds have their forces with the histories that the touches make. The commanded joints then
-        stay, and forces and histories come to agree.
-        """
-        for number in range(_MOST_PASSES):
-            self.metadata = self._metadata()
-            self._take_histories()
-            for row, relative_force in enumerate((LIGHT_FORCE, 1.0)):
-                self._depth[row] = self._command_depths(relative_force, self._depth[row])
-            self._solve_poses()
-            self.peak_force = self._peak_forces()
-            self._take_histories()
-            if number and not self._off_plan(self._in_hold(), 0.02).any():
-                break
-        self.hold_force = self._hold_forces()
+    def _agree(self) -> None:
+        """Poses and what effects know of the touches, until they agree."""
         for _ in range(_MOST_PASSES):
-            before = np.stack([self.peak_force, self.hold_force])
-            self._take_histories()
-            self.peak_force, self.hold_force = self._peak_forces(), self._hold_forces()
-            if np.abs(before - (self.peak_force, self.hold_force)).max() < 1e-9:
+            before = np.stack([self.peak_joints, self.hold_joints, self.contact_joints])
+            self._solve_poses()
+            self._remember()
+            if np.abs(before - (self.peak_joints, self.hold_joints, self.contact_joints)).max() < 1e-13:
                 return
-        problem = 'the forces of the touches and the loads before them do not come to agree'
+        problem = 'the joint angles of the touches and the loads before them do not come to agree'
         raise UnsupportedDataError(problem, 'simulate smaller effects')
 
-    def _take_histories(self) -> None:
-        """The load before the stages of each touch, by the joints and forces as they are now."""
+    def _remember(self) -> None:
+        """Movements and loads before the stages of each touch, by the joints and forces as they are now."""
+        path = np.stack([self.free_joints, self.contact_joints, self.peak_joints])
+        approach, press = (last_movement(part, self.hold_joints) for part in (path, path[1:]))
         peaks, holds = np.hstack([self.peak_joints, self.peak_force]), np.hstack([self.hold_joints, self.hold_force])
-        self.histories = load_histories(peaks, holds, self.plan.preload > 0, self.truth)
-        self.metadata = self.metadata._replace(history=self.histories.hold)
+        self._histories = load_histories(peaks, holds, self.plan.preload > 0, self.truth)
+        known = {'time': self.hold_time, 'approach': approach, 'press': press, 'history': self._histories[_HOLD]}
+        self.metadata = self.metadata._replace(**known)
 
-    def _contact_at(
-        self, touch: Indices, joints: Floats, warm_start: Floats, metadata: TouchMetadata, tension: bool = False
-    ) -> Contact:
-        """A(Q, L̄) at k moments of touches.
+    def _pressed(self, touch: Indices, relative_force: Floats, stage: Indices | int) -> tuple[Floats, Floats, Floats]:
+        """Ḡ on the line of the press, for k moments of touches.
 
         Args:
             touch: number of the touch, (k,).
-            joints: commanded Q, (k, 2), rad.
-            warm_start: of several equilibria, the one nearest to this force is taken, (k, 2), N.
-            metadata: of the moments.
-            tension: as in `model.contact.contact`.
+            relative_force: over that of the hold, (k,).
+            stage: `_PRESS`, `_HOLD` or `_RELEASE`, (k,) or one for all.
+
+        Returns:
+            Q, (k, 2), rad, NaN where the place is out of reach; F on the object, (k, 2), N; u, (k,), m,
+            NaN where there is no such touch.
         """
-        at = self._surfaces.select(touch)
-        return contact(
-            self.model,
-            joints,
-            at.centers,
-            at.radii,
-            self.cell.gripper_sign,
-            tension=tension,
-            warm_start=warm_start,
-            metadata=metadata,
-            tangents=at.tangents if self.cell.has_outlines else None,
-        )
-
-    def _force_over_time(self, touch: Indices, joints: Floats, warm_start: Floats, phase: Indices) -> Floats:
-        """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
-
-        Where no equilibrium is found the force is interpolated in time.
-        """
-        stages = [part[touch] for part in self.histories]
-        longest = max(part.shape[1] for part in stages)
-        stages = [padded_history(part, joints, longest) for part in stages]
-        before, after = (phase < Phase.EASE)[:, None, None], (phase > Phase.HOLD)[:, None, None]
-        history = np.where(before, stages[0], np.where(after, stages[2], stages[1]))
-        found = self._contact_at(touch, joints, warm_start, self.metadata.select(touch)._replace(history=history))
-        force, at = found.force.copy(), np.arange(len(touch))
-        if not found.solved.all() and found.solved.any():
-            for axis in (0, 1):
-                force[:, axis] = np.interp(at, at[found.solved], force[found.solved, axis])
-        return force
-
-    def _command_depths(self, relative_force: float, start: Floats) -> Floats:
-        """Depths at which the force is reached, beyond those of the base model, (m,), m; by the secant method.
-
-        Args:
-            relative_force: part of the force of the hold that is wanted.
-            start: first depths, (m,), m.
-
-        Raises:
-            UnsupportedDataError: the force of a touch is not reached within `_MOST_DEPTH`.
-        """
-        wanted, planned, p = relative_force * self.plan.force, relative_force * self._planned, self.truth
-        # depth per force of the robot without effects, m/N
-        torques = inverse_kinetostatics(p, self._contact, self._planned, self.plan.posture, self.cell.gripper_sign)[1]
-        arms = torques / self.plan.force[:, None]
-        compliance = p.p_ee + (np.array([p.p1, p.p2]) * arms**2).sum(axis=1)
-        depth, slope, todo = start.copy(), compliance.copy(), self._every
-        before = np.full((2, len(self.plan)), np.nan)
-        for _ in range(30):
-            joints = self._pose(self._contact + depth[:, None] * self._inward, planned)[todo]
-            force = self._contact_at(todo, joints, planned[todo], self.metadata.select(todo), tension=True).magnitude
-            off = np.abs(wanted[todo] - force) > FORCE_TOLERANCE * wanted[todo]
-            todo, force = todo[off], force[off]
-            if not len(todo):
+        at, n, contact = self._surfaces.select(touch), as_complex(self._inward[touch]), self._contact[touch]
+        planned, depth, aside = relative_force * self.plan.force[touch], np.zeros(len(touch)), np.zeros(len(touch))
+        size, direction = np.maximum(planned, FIRST_FORCE)[:, None], n
+        joints = self._without_effects(contact, size * pairs(n), touch)
+        metadata = self.metadata.select(touch)._replace(history=self._histories[stage, touch])
+        law, rigid, changed = Law(self.model, self.cell.gripper_sign), forward(self.truth, joints), depth
+        for _ in range(_MOST_PASSES if self.model.effects else 0):
+            tip, before = contact + pairs(n * (depth + 1j * aside)), (depth, aside, direction)
+            with np.errstate(invalid='ignore'):  # where the object is not on the line
+                found = joints_under_load(law, tip, Force.of(size * pairs(direction)), metadata.posture, metadata)
+                joints, state = found.joints, cast('TouchState', found.state)
+                of_object = state._replace(centers=at.centers, radii=at.radii, tangents=at.tangents)
+                reach = at.radii * direction + as_complex(self.model.object_shift(of_object))
+                aside = aside - (as_complex(forward(self.truth, joints) - rigid) * n.conj()).imag
+                beside = np.where(at.is_edge, 0.0, aside)  # along an edge the object has no place
+                along = np.sign(at.radii) * np.sqrt(np.abs(reach) ** 2 - beside**2)
+                depth, direction = at.radii - along, direction * n * (along - 1j * beside) / reach
+            changed = np.abs(np.subtract((depth, aside, direction), before)).max(axis=0)
+            if not (changed > 1e-14).any():
                 break
-            step, rise = depth[todo] - before[0, todo], force - before[1, todo]
-            known = np.abs(rise) > 1e-9  # false in the first pass
-            bounds = compliance[todo] / 20.0, compliance[todo] * 20.0  # at most so much softer or stiffer
-            slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
-            before[:, todo] = depth[todo], force
-            if (lost := np.abs(depth[todo]) > _MOST_DEPTH).any():
-                problem = f'it is not reached {1e3 * _MOST_DEPTH:.0f} mm beyond its place'
-                raise self._cannot_hold(int(todo[np.argmax(lost)]), problem)
-            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -2e-3, 2e-3)
-        return depth
+        return joints, planned[:, None] * pairs(direction), np.where(changed < 1e-12, depth, np.nan)
 
-    def _peak_forces(self) -> Floats:
-        """Largest force on the object in each touch, (m, 2), N; the planned one where no equilibrium is found."""
-        planned = (1.0 + self.plan.preload)[:, None] * self._planned
-        before = self.metadata._replace(history=self.histories.press)
-        found = self._contact_at(self._every, self.peak_joints, planned, before)
-        return np.where(found.solved[:, None], found.force, planned)
-
-    def _in_hold(self) -> Contact:
-        """A(Q, L̄) in each hold."""
-        return self._contact_at(self._every, self.hold_joints, self._planned, self.metadata)
-
-    def _off_plan(self, found: Contact, tolerance: float) -> Mask:
-        """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
-        return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
-
-    def _hold_forces(self) -> Floats:
-        """Force on the object in each hold, (m, 2), N.
-
-        Raises:
-            UnsupportedDataError: a touch has no equilibrium, or not the force that is planned.
-        """
-        found = self._in_hold()
-        # at kinks the commanded joints need not settle; the force is that of the joints as commanded
-        off = self._off_plan(found, 0.02 if all(effect.is_smooth for effect in self.model.effects) else 0.1)
-        if off.any():
-            first = int(np.argmax(off))
-            got = f'it comes to {found.magnitude[first]:.3g} N' if found.solved[first] else 'there is no equilibrium'
-            raise self._cannot_hold(first, got)
-        return found.force
-
-    def _cannot_hold(self, number: int, problem: str) -> UnsupportedDataError:
-        name = self.cell.discs[self.plan.disc[number]].name
-        touch = f'touch {number} of the plan, on {name!r}, under {self.plan.force[number]:g} N'
-        remedy = 'leave the touch out, or simulate smaller effects'
-        return UnsupportedDataError(f'the simulated robot cannot hold {touch}: {problem}', remedy)
-
-    def _metadata(self) -> TouchMetadata:
-        approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
-        plan, surface = self.plan, self.plan.surface(self.cell)
-        found = TouchMetadata(plan.disc, self.hold_time, approach, plan.posture, press)
-        return found._replace(order=self._every, surface=surface)
-
-    def _commanded_tip(self, relative_force: Floats | float, touch: Indices | slice = slice(None)) -> Floats:
-        """Commanded place of the tip of the base model at a relative force, (k, 2), m."""
-        first, hold = self._depth[:, touch]
-        depth = first + (relative_force - LIGHT_FORCE) / (1.0 - LIGHT_FORCE) * (hold - first)
-        return self._contact[touch] + depth[:, None] * self._inward[touch]
+    def _without_effects(self, tip: Floats, force: Floats, touch: Indices) -> Floats:
+        """Ḡ of the base model for places and forces of touches: Q, (k, 2), rad."""
+        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper_sign)[0]
 
     @property
     def hold_time(self) -> Floats:
         """Middle of each hold, (m,), s."""
         return self.knots[:, Phase.HOLD] + 0.5 * self.timing.hold
-
-    @property
-    def path(self) -> Floats:
-        """Joint angles before each hold: free, first contact, peak, (3, m, 2), rad."""
-        return np.stack([self.free_joints, self.contact_joints, self.peak_joints])
 
     def state_at(self, time: ArrayLike) -> CellState:
         """The state of the cell at times since the start, (k,), s; before it and past the end the arm rests."""
@@ -479,32 +367,13 @@ class Trajectory(Motion):
         beyond = self.plan.preload[touch]
         relative_force = at.part(Phase.PRESS) - at.part(Phase.RELEASE)
         relative_force = relative_force + beyond * (at.part(Phase.PRESS) - at.part(Phase.EASE))
-        force = relative_force[:, None] * self.hold_force[touch]
-        near = np.flatnonzero(phase != Phase.TRAVEL)
+        force, near = np.zeros((len(touch), 2)), np.flatnonzero(phase != Phase.TRAVEL)
+        stage = np.where(phase < Phase.EASE, _PRESS, np.where(phase > Phase.HOLD, _RELEASE, _HOLD))[near]
         away = (1.0 - at.part(Phase.APPROACH) + at.part(Phase.RETRACT))[near, None]
-        clear = (self.free_joints - self.contact_joints)[touch[near]]
-        joints[near] = self._loaded_joints(touch[near], relative_force[near]) + away * clear
-        if self.model.effects:
-            close = np.flatnonzero(self._contact_possible(touch, phase, joints))
-            force[close] = self._force_over_time(touch[close], joints[close], force[close], phase[close])
-            relative_force = np.hypot(*force.T) / np.hypot(*self.hold_force[touch].T)
+        loaded, force[near], _ = self._pressed(touch[near], relative_force[near], stage)
+        loaded = self._near_hold(loaded, touch[near])
+        joints[near] = loaded + away * (self.free_joints[touch[near]] - loaded)
         return CellState(joints, force, touch, phase, at.progress, relative_force)
-
-    def _contact_possible(self, touch: Indices, phase: Indices, joints: Floats) -> Mask:
-        """Where a force is possible and not known yet, (k,): within 0.5 mm of the contact."""
-        displacement = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
-        near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -5e-4
-        return np.asarray((phase >= Phase.APPROACH) & (phase != Phase.HOLD) & near)
-
-    def _pose(self, tip: Floats, force: Floats, touch: Indices | slice = slice(None)) -> Floats:
-        """Ḡ in the posture of touches, all or some: Q for places of the tip and forces, (k, 2) each."""
-        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper_sign)[0]
-
-    def _loaded_joints(self, touch: Indices, relative_force: Floats) -> Floats:
-        """Ḡ at a relative force, without a jump of a full turn within the touch."""
-        force = np.maximum(relative_force * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
-        joints = self._pose(self._commanded_tip(relative_force, touch), force, touch)
-        return self._near_hold(joints, touch)
 
     def _near_hold(self, joints: Floats, touch: Indices | slice = slice(None)) -> Floats:
         """The same joint angles within half a turn of the hold."""

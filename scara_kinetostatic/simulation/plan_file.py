@@ -12,7 +12,7 @@ which may be left out, is the part of the force by which the press first goes be
 ```yaml
 - {slide: disc_2, force: 15, friction: 0.1}                                 # a disc of the cell
 - {slide: {center: [0.20, 0.35], radius: 0.06}, force: 15, posture: left}   # a disc that is not in the cell
-- {slide: {center: [-0.20, 0.35], semi_axes: [0.08, 0.05], angle_deg: 20}, force: 20, from: 0, to: 1.05}
+- {slide: {center: [-0.20, 0.35], radius: 0.05}, force: 20, from: 0, to: 1.05}
 - {slide: {outline: [[0.10, 0.30], [0.20, 0.30], [0.20, 0.40]], corner_radius: 0.01, closed: false}, force: 10}
 ```
 Outlines are those of the surface, the tip's radius is the cell's (`tip: {radius}`); the radius of a disc of the cell
@@ -36,19 +36,14 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
-from scara_kinetostatic.simulation.slides import Ellipse, Slide, circle, ellipse, polygon
+from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
 
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
 POSTURE_NAMES = {1: 'left', -1: 'right'}
 _SLIDE_VALUES = {'force': 'force', 'friction': 'friction', 'speed': 'speed', 'from': 'begin', 'to': 'end'}
 """Fields of a slide by key."""
-_FORMS = {
-    'radius': (('center', 'radius'), ()),
-    'semi_axes': (('center', 'semi_axes'), ('angle_deg',)),
-    'outline': (('outline',), ('corner_radius', 'closed')),
-}
-"""Keys that each form of an outline must and may have, by the key that tells it."""
 _FORCE = Within(0.0, 10_000.0, positive=True, unit='N')
+_RADIUS = Within(0.0, 10.0, positive=True, unit='m')
 _PRELOAD = Within(0.0, LARGEST_PRELOAD, unit='of the force')
 
 
@@ -145,29 +140,26 @@ def _slide(entry: Section, cell: Cell) -> Slide:
         raise entry.error('', error.problem, error.remedy) from error
 
 
-def _outline(entry: Section, cell: Cell) -> Outline | Ellipse:
-    """The outline under the key `slide`: of a disc of the cell, by its name, or one of `_FORMS`."""
+def _outline(entry: Section, cell: Cell) -> Outline | Circle:
+    """The outline under the key `slide`: of a disc of the cell, by its name, of another disc, or of corners."""
     given = entry.data['slide']
     if isinstance(given, str):
         discs = {disc.name: disc for disc in cell.discs}
         if given not in discs:
             raise entry.error('slide', f'the cell has no disc {given!r}', did_you_mean(given, discs, 'its discs are'))
         disc = discs[given]
-        return disc if isinstance(disc, Outline) else circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
-    form = next((key for key in _FORMS if isinstance(given, dict) and key in given), 'radius')
-    shape = entry.section('slide', *_FORMS[form])
-    if form == 'outline':
-        corners, closed = shape.data['outline'], shape.data.get('closed', True)
-        if not isinstance(corners, list):
-            raise shape.error('outline', f'expected a list of corners [x, y], got {shown(corners)}')
-        if not isinstance(closed, bool):
-            raise shape.error('closed', f'expected true or false, got {shown(closed)}')
-        points = shape.vector('outline', list(map(str, range(len(corners)))), _pair)
-        return polygon(points, shape.optional('corner_radius') or 0.0, closed)
-    center = _pair(shape, 'center')
-    if form == 'radius':
-        return circle(center, shape.number('radius'))
-    return ellipse(center, _pair(shape, 'semi_axes'), math.radians(shape.optional('angle_deg') or 0.0))
+        return disc if isinstance(disc, Outline) else Circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
+    if not (isinstance(given, dict) and 'outline' in given):
+        shape = entry.section('slide', ('center', 'radius'))
+        return Circle(_pair(shape, 'center'), shape.number('radius', within=_RADIUS))
+    shape = entry.section('slide', ('outline',), ('corner_radius', 'closed'))
+    corners, closed = shape.data['outline'], shape.data.get('closed', True)
+    if not isinstance(corners, list):
+        raise shape.error('outline', f'expected a list of corners [x, y], got {shown(corners)}')
+    if not isinstance(closed, bool):
+        raise shape.error('closed', f'expected true or false, got {shown(closed)}')
+    points = shape.vector('outline', list(map(str, range(len(corners)))), _pair)
+    return polygon(points, shape.optional('corner_radius') or 0.0, closed)
 
 
 def _pair(shape: Section, name: str) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """Slides of the tip along the outline of an object: the motion, and its recording as the sensors report it.
 
-The outline consists of straight edges and arcs, or is an ellipse. The object is on the left of the direction of travel
+The outline consists of straight edges and arcs, or is a circle. The object is on the left of the direction of travel
 along it, the tip slides on the right: a closed outline is counter-clockwise. The centre of the tip is on the outline
 grown by the tip's radius (`model.outline`): at a sharp corner the surface stays while the normal turns, so that the
 centre moves on an arc around the corner.
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, pairs
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
@@ -28,23 +28,18 @@ from scara_kinetostatic.model.outline import Outline, Surfaces, outline_problem,
 from scara_kinetostatic.simulation.motion import FIRST_FORCE, CellState, Course, Moments, Motion, Robot
 from scara_kinetostatic.simulation.plan import check_numbers
 
-ARCS = 720
-"""Arcs of which an ellipse is made: some nm off it; along it the tip jumps by some 20 nm from one to the next."""
-
 
 @dataclass(frozen=True)
-class Ellipse:
-    """The outline of an ellipse or of a disc.
+class Circle:
+    """The outline of a disc.
 
     Attributes:
         center: (x, y), m.
-        semi_axes: m.
-        rotation: of the first semi-axis from x, rad.
+        radius: of its surface, m.
     """
 
     center: tuple[float, float]
-    semi_axes: tuple[float, float]
-    rotation: float = 0.0
+    radius: float
 
     @property
     def is_closed(self) -> bool:
@@ -52,29 +47,8 @@ class Ellipse:
         return True
 
     def surfaces(self, tip_radius: float) -> Surfaces:
-        """Where the centre of the tip is in contact: arcs of its circles of curvature, whose normals turn evenly."""
-        half, (a, b), turn = np.pi / ARCS, self.semi_axes, np.exp(1j * self.rotation)
-        normal = np.exp(1j * half * (2 * np.arange(ARCS) + 1))
-        reach = np.hypot(a * normal.real, b * normal.imag)
-        place = (a**2 * normal.real + 1j * b**2 * normal.imag) / reach
-        radius = (a * b) ** 2 / reach**3
-        center = complex(*self.center) + turn * (place - radius * normal)
-        object, half_angles = np.zeros(ARCS, dtype=np.intp), np.full(ARCS, half)
-        return Surfaces(
-            object, pairs(center), radius + tip_radius, np.zeros((ARCS, 2)), pairs(turn * normal), half_angles
-        )
-
-
-def circle(center: tuple[float, float], radius: float) -> Ellipse:
-    """The outline of a disc."""
-    return ellipse(center, (radius, radius))
-
-
-def ellipse(center: tuple[float, float], semi_axes: tuple[float, float], rotation: float = 0.0) -> Ellipse:
-    """The outline of an ellipse, its first semi-axis turned by an angle in rad."""
-    if not min(semi_axes) > 0:
-        raise ParameterError('outline', f'expected a radius above 0 m, got {min(semi_axes):g}')
-    return Ellipse(center, semi_axes, rotation)
+        """Where the centre of the tip is in contact."""
+        return surfaces_of([Disc('', *self.center, self.radius + tip_radius)], None)
 
 
 def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True) -> Outline:
@@ -98,7 +72,7 @@ class Track:
     """The path of the tip's centre along an outline.
 
     Args:
-        outline: of the surface; anything with `surfaces` and `is_closed`, as `Ellipse` has them.
+        outline: of the surface; anything with `surfaces` and `is_closed`, as `Circle` has them.
         tip_radius: m.
 
     Attributes:
@@ -108,7 +82,7 @@ class Track:
         ParameterError: an inner corner is narrower than the tip.
     """
 
-    def __init__(self, outline: Outline | Ellipse, tip_radius: float) -> None:
+    def __init__(self, outline: Outline | Circle, tip_radius: float) -> None:
         self._is_closed = outline.is_closed
         s = surfaces_of([outline], tip_radius) if isinstance(outline, Outline) else outline.surfaces(tip_radius)
         if len(s.inner_corners[0]):
@@ -147,7 +121,7 @@ class Slide:
         ParameterError: a value that makes no sense.
     """
 
-    outline: Outline | Ellipse
+    outline: Outline | Circle
     force: float = 15.0
     friction: float = 0.0
     speed: float = 0.02

@@ -243,7 +243,7 @@ def simulate_touches(cell: Cell, truth: Robot, plan: Plan, noise: Noise | None =
     joint_errors, force_errors = sensors.touch_errors(cell, unit, t.hold_force, angle)
     joints = t.hold_joints + joint_errors
     force = reported_force(cell, truth, t.hold_joints, t.hold_force, force_errors, metadata=t.metadata)
-    beyond = np.hypot(*t.peak_force.T) / np.hypot(*t.hold_force.T)
+    beyond = 1.0 + plan.preload
     errors = beyond[:, None] * force_errors
     peak_force = reported_force(cell, truth, t.peak_joints, t.peak_force, errors, beyond, t.metadata)
     peaks, holds = np.hstack([t.peak_joints + joint_errors, peak_force]), np.hstack([joints, force])
@@ -255,5 +255,5 @@ def simulate_touches(cell: Cell, truth: Robot, plan: Plan, noise: Noise | None =
         time=t.hold_time,
         approach=t.metadata.approach,
         press=t.metadata.press,
-        history=load_histories(peaks, holds, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
+        history=load_histories(peaks, holds, plan.preload > 0, cell.nominal, cell.sensor.frame)[1],
     )

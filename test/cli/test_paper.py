@@ -16,7 +16,7 @@ def test_writes_the_page_and_the_numbers(tmp_path, capsys):
     assert numbers['one_level']['weighted']['confounded'] == [['p_ee', 'g_ee']]
     assert numbers['monte_carlo']['weighted']['runs'] == 2
     page = (tmp_path / 'out' / 'paper.html').read_text()
-    assert page.count('<svg') >= 9
+    assert page.count('<svg') >= 7
     assert 'http' not in page.replace('http://www.w3.org', '')
 
 

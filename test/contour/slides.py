@@ -15,17 +15,16 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Slide, SlideTiming, SlidingMotion, circle, ellipse, polygon
+from scara_kinetostatic.simulation.slides import Circle, Slide, SlideTiming, SlidingMotion, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, recorded, simulate_touches
 from scara_kinetostatic.touches.streams import Streams
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)
-DISC = circle((0.2, 0.3), 0.06)
+DISC = Circle((0.2, 0.3), 0.06)
 AROUND = 2 * np.pi * 0.06
 """Of the disc, m."""
-ELLIPSE = ellipse((-0.1, 0.42), (0.08, 0.05), 0.3)
 SQUARE = polygon([[0.10, 0.30], [0.20, 0.30], [0.20, 0.40], [0.10, 0.40]], 0.01)
-OBJECTS = {'disc': DISC, 'ellipse': ELLIPSE, 'rounded square': SQUARE}
+OBJECTS = {'disc': DISC, 'rounded square': SQUARE}
 
 
 @cache

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from contour.slides import AROUND, DISC, ELLIPSE, arm, rested, since, slides, with_force, with_joints
+from contour.slides import AROUND, DISC, SQUARE, arm, rested, since, slides, with_force, with_joints
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
@@ -51,11 +51,11 @@ def check(outline: Outline, turns: float, error: float, rel: float = 0.01) -> No
 
 
 def test_round_an_object_in_several_passes() -> None:
-    streams = slides((0.0, 0.4), (0.7, 0.35), (0.65, 1.05), outline=ELLIPSE)
+    streams = slides((0.0, 0.4), (0.7, 0.35), (0.65, 1.05), outline=SQUARE)
     (joined,), (whole,) = fed(streams).outlines, trace_contour(streams, arm()).outlines
     assert joined.closed
     assert joined.length == pytest.approx(whole.length, rel=1e-3)
-    assert rms(normal_error(ELLIPSE, joined.points)) < 1.1 * rms(normal_error(ELLIPSE, whole.points)) + 1e-6
+    assert rms(normal_error(SQUARE, joined.points)) < 1.1 * rms(normal_error(SQUARE, whole.points)) + 1e-6
     np.testing.assert_allclose(np.median(joined.std), np.median(whole.std), rtol=0.05)
 
 

@@ -19,7 +19,7 @@ from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, inverse, posture
 from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.slides import Slide, circle, polygon
+from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 
 DISC_CENTER = np.array([0.2, 0.3])
@@ -44,7 +44,7 @@ def test_surface_of_an_unknown_object(outline):
 
 
 def test_without_errors_of_sensors_and_calibration():
-    outline = OBJECTS['ellipse']
+    outline = DISC
     exact = replace(arm(), model=replace(arm().model, parameters=PAPER_ACTUAL))
     contour = trace_contour(slides((0, 1), outline=outline, sensors=SensorModel.ideal(200)), exact)
     error = normal_error(outline, contour.surface)
@@ -135,7 +135,7 @@ def test_gaps_are_left_open_and_objects_stay_apart():
     two = traced((0.0, 0.4), (0.5, 0.7), outline=SQUARE)
     assert [outline.closed for outline in two.outlines] == [False, False]
     objects = tuple(
-        Slide(circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
+        Slide(Circle(*each), 15, 0.1, 0.05, end=1.05) for each in (((0.2, 0.3), 0.03), ((-0.2, 0.35), 0.04))
     )
     apart = trace_contour(simulate_streams(CELL, PAPER_ACTUAL, objects), arm())
     assert [outline.closed for outline in apart.outlines] == [True, True]

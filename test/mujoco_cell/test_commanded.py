@@ -13,7 +13,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Lift, SensorFrame
 from scara_kinetostatic.model.kinematics import inverse, rotate
 from scara_kinetostatic.model.kinetostatics import drag, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.commanded import Plant, PlantSettings, Reading
+from scara_kinetostatic.simulation.commanded import Plant, Reading
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.streams import SensorModel
@@ -85,23 +85,6 @@ def test_a_tip_that_slides_as_it_retracts_stays_in_contact_until_the_force_is_go
         assert force[-1] == 0.0
         assert max(np.diff(force)) < 1.0
         go(at, free, 0.02, 0.3)
-
-
-def test_without_a_lift_it_meets_the_disc_from_the_side_and_stops() -> None:
-    cell = replace(CELL, lift=None)
-    at = Plant(cell, EngineBody(scene_named('contact_friction'), cell), settings=PlantSettings(overload=100.0))
-    way = np.array([[DISC.x - 0.02, DISC.y - DISC.radius - 0.04], [DISC.x - 0.02, DISC.y - DISC.radius + 0.03]])
-    free, inside = inverse(PAPER_ACTUAL, way, np.array([1, 1]))
-    at.command(at.names, [1.0], [free])
-    assert at.step(1.5).touched == ''
-    at.command(at.names, [0.4], [inside])
-    last = at.step(2.5)
-    assert last.touched == 'disc_2'
-    assert at.stopped
-    assert at.peak_force > 100 > hypot(*last.true_force) > 10, 'an impact, then at rest'
-    at.reset()
-    at.command(at.names, [0.5], [free])
-    assert at.step(4.0).touched == ''
 
 
 def test_obstacles_are_refused() -> None:

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.motion import minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import TouchController, truth_of_scene
+from scara_kinetostatic.simulation.mujoco.streams import TouchController
 from scara_kinetostatic.simulation.plan import Plan
 
 COMPLIANCE, TORQUE = 2e-5, 2.0
@@ -102,9 +102,6 @@ def test_the_memory_follows_from_the_contact_torques(few: Plan) -> None:
     assert np.abs(error).max() < 0.1 * half_width
 
 
-def test_truth_and_scene_belong_together() -> None:
-    (effect,) = truth_of_scene(scene_named('joint_slip'), CELL)['effects']
-    assert (effect['name'], effect['target']) == ('joint_slip', 'joint2')
-    assert effect['parameters'] == {'compliance': 2e-5, 'slip_torque': 4.0}
+def test_a_slipping_spring_needs_a_torque() -> None:
     with pytest.raises(ParameterError, match='slip_torque'):
         replace(scene_named('joint_slip'), slip_torque=(0.0, 0.0))

@@ -26,11 +26,11 @@ from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.slides import Slide, circle
+from scara_kinetostatic.simulation.slides import Circle, Slide
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
-DISC = circle((0.2, 0.3), 0.03)
+DISC = Circle((0.2, 0.3), 0.03)
 SPEED = 10.0
 """Of the playback, in simulated seconds per second at most."""
 

@@ -50,9 +50,10 @@ def test_an_effect_outside_the_catalogue_is_unexplained():
 
 @RECORDINGS
 def test_they_are_made_again_from_the_truth(name, tmp_path):
+    """Their touches were pressed until the force was that of the plan to 0.1 %; the angles are in steps of 1 µrad."""
     again = make(next(one for one in ALL if one.name == name), tmp_path)
     cell = cell_of(name)
     kept, made = read_streams(path_of(name), cell), read_streams(again, cell)
     np.testing.assert_array_equal(kept.joints.stamp, made.joints.stamp)
-    np.testing.assert_allclose(made.joints.position, kept.joints.position, rtol=0, atol=1.1e-6)
-    np.testing.assert_allclose(made.wrench.force, kept.wrench.force, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(made.joints.position, kept.joints.position, rtol=0, atol=2.1e-6)
+    np.testing.assert_allclose(made.wrench.force, kept.wrench.force, rtol=1e-3, atol=0.02)

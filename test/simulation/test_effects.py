@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +22,6 @@ from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams,
 from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
-TOOL = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
 PLAN = default_plan(CELL, per_disc=8, preload=0.3)
 FEW = PLAN.select(np.arange(2, len(PLAN), 7))
 EXACT = Noise(0.0, 0.0)
@@ -62,7 +60,7 @@ def test_touches_obey_the_extended_model_under_the_planned_force(effect, values)
     found = contact(truth, touches.joints, *discs, warm_start=true, metadata=TouchMetadata.of(touches))
     assert found.solved.all()
     np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(np.hypot(*true.T), PLAN.force, rtol=0.02)
+    np.testing.assert_allclose(np.hypot(*true.T), PLAN.force, rtol=1e-12)
     assert np.abs(np.hstack([touches.joints - PLAIN.joints, touches.force - PLAIN.force])).max() > 1e-7
 
 
@@ -89,12 +87,13 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     motion = Trajectory(CELL, truth, PLAN)
     time = np.linspace(0.0, motion.duration, 20_000)
     instant = motion.state_at(time)
+    assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
     load = np.hypot(*instant.force.T)
     assert np.all(load[(instant.phase == Phase.TRAVEL) | (instant.phase == Phase.PAUSE)] == 0)
     held = instant.phase == Phase.HOLD
-    np.testing.assert_array_equal(instant.force[held], motion.hold_force[instant.touch[held]])
+    np.testing.assert_allclose(instant.force[held], motion.hold_force[instant.touch[held]], rtol=0, atol=1e-12)
     np.testing.assert_allclose(instant.relative_force, load / np.hypot(*motion.hold_force.T)[instant.touch])
-    np.testing.assert_allclose(instant.relative_force.max(), 1.3, rtol=0.04)
+    assert instant.relative_force.max() == pytest.approx(1.3, rel=1e-3)
     assert np.abs(np.diff(load)).max() < 500.0 * (time[1] - time[0]) + 0.2
     disc = PLAN.disc[instant.touch[::20]]
     metadata = motion.metadata.select(instant.touch[::20])
@@ -145,17 +144,5 @@ def test_errors_of_the_sensor_are_in_its_frame_and_grow_with_the_load(frame, sig
 
 def test_an_effect_that_leaves_no_touch_is_refused():
     truth = with_effects([of('object_position[disc_2]')], [-0.3, 0.0])
-    with pytest.raises(UnsupportedDataError, match="cannot hold touch 0 of the plan, on 'disc_2', under 25 N"):
+    with pytest.raises(UnsupportedDataError, match="cannot reach touch 0 of the plan, on 'disc_2'"):
         simulate_touches(CELL, truth, PLAN.select(PLAN.disc == 1).select(np.arange(1)))
-
-
-@pytest.mark.parametrize(
-    ('cell', 'preload', 'expected'),
-    [(CELL, 0.0, 'be268aaf0e7d9d1f'), (CELL, 0.3, '2bb1089c0d5f32ea'), (TOOL, 0.3, '7997bb1f2bbb4969')],
-    ids=['plain', 'preload', 'tool'],
-)
-def test_without_effects_recordings_are_what_they_always_were(cell, preload, expected):
-    streams = simulate_streams(cell, PAPER_MEASURED, default_plan(cell, per_disc=6, preload=preload), seed=5)
-    kept = (streams.joints.stamp, streams.wrench.stamp, streams.joints.position, streams.wrench.force)
-    micro = [np.round(1e6 * array).astype(np.int64) if array.dtype.kind == 'f' else array for array in kept]
-    assert hashlib.sha256(b''.join(array.tobytes() for array in micro)).hexdigest()[:16] == expected

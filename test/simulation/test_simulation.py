@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
@@ -32,22 +30,6 @@ def test_force_is_that_of_the_model_all_along(truth, plan):
     expected = contact(truth, instant.joints[warm_start], CELL.centers[disc], CELL.radii[disc]).force
     np.testing.assert_allclose(instant.force[warm_start], expected, rtol=0, atol=5e-6)
     assert np.all(instant.force[~warm_start] == 0)
-
-
-@pytest.mark.parametrize('sign', list(GripperSign))
-@pytest.mark.parametrize('plan', [PLAN, BEYOND], ids=['plain', 'beyond'])
-def test_motion_is_continuous_and_rises_steadily(sign, plan):
-    motion = Trajectory(replace(CELL, gripper_sign=sign), PAPER_MEASURED, plan)
-    time = np.linspace(-0.1, motion.duration + 0.1, 60_000)
-    instant = motion.state_at(time)
-    assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
-    assert np.abs(np.diff(instant.force, axis=0)).max() < 500.0 * (time[1] - time[0])
-    load = np.hypot(*instant.force.T)
-    same, rise = np.diff(instant.touch) == 0, np.diff(load)
-    assert np.all(rise[same & (instant.phase[1:] == Phase.PRESS)] >= -1e-9)
-    assert np.all(rise[same & (instant.phase[1:] == Phase.RELEASE)] <= 1e-9)
-    assert np.all(rise[same & (instant.phase[:-1] == Phase.EASE)] <= 1e-9)
-    assert np.all(load[(instant.phase == Phase.APPROACH) | (instant.phase == Phase.RETRACT)] == 0)
 
 
 def test_holds_are_as_planned():

@@ -159,5 +159,4 @@ def test_agreement_with_few_degrees_of_freedom_raises_no_false_alarm():
 def test_estimates_that_agree_are_weighted_by_their_variances():
     test = combine_estimates([Estimate(1.0, 0.1, 'm'), Estimate(1.3, 0.2, 'm')], np.full(2, 1e6))
     assert test.estimate == (pytest.approx(1.06), pytest.approx(0.2 / 5**0.5), 'm')
-    assert (test.chi_square, test.degrees_of_freedom) == (pytest.approx(1.8), 1)
     assert test.p_value == pytest.approx(0.1797, abs=1e-4)

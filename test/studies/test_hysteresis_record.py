@@ -26,7 +26,6 @@ def read(folder: Path, text: str, *options: str) -> Record:
 @pytest.mark.parametrize(
     ('heading', 'response', 'load', 'units'),
     [
-        ('time_s,angle_rad,torque_Nm', 1.0, 1.0, ('rad', 'Nm')),
         ('time [s],angle [deg],torque [N m]', np.pi / 180, 1.0, ('rad', 'Nm')),
         ('t (s),rotation_µrad,moment (mNm)', 1e-6, 1e-3, ('rad', 'Nm')),
         ('time_s,displacement_mm,force_kN', 1e-3, 1e3, ('m', 'N')),
@@ -53,7 +52,6 @@ MANY = 'time_s,q2_rad,q4_rad,tau2_Nm,tau4_Nm,Fx_N,x_mm,status'
         (MANY, ['q2_rad', 'Fx_N'], 'the units of q2_rad and Fx_N do not go together; give an angle with a torque'),
         (MANY, ['q2_rad', 'tau4_Nm'], 'q2_rad and tau4_Nm are columns of two joints; choose those of one joint'),
         ('angle_rad,torque_Nm', [], 'expected one column of the time, got 0; name one with its unit, such as time_s'),
-        ('time_s,time_ms,angle_rad,torque_Nm', [], 'expected one column of the time, got 2'),
         ('time_s,angle_rad,status', [], 'the load, got 0; name one with its unit, such as force_N'),
     ],
 )

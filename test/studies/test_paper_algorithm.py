@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from calibration.studies import CELL, EXACT, touches
 
-from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import G_EE, P_EE, PAPER_ACTUAL
 from scara_kinetostatic.studies.paper.study import (
     NOISE,
     ONE_LEVEL,
     THREE_LEVELS,
     determined_combination,
-    paper_calibrate,
     predicted_covariances,
     run,
 )
@@ -58,9 +52,3 @@ def test_the_errors_of_both_estimators_are_as_predicted_and_weighting_never_lose
     scale = np.sqrt(np.diag(unweighted))
     assert np.linalg.eigvalsh((unweighted - weighted) / np.outer(scale, scale)).min() > -1e-9
     assert np.mean([each.paper.force_error for each in fits]) == pytest.approx(1.3, abs=0.35)
-
-
-def test_tool_frame_is_not_the_papers_business():
-    cell = replace(CELL, sensor=Sensor(frame=SensorFrame.TOOL))
-    with pytest.raises(ParameterError, match='base'):
-        paper_calibrate(touches(PAPER_ACTUAL, noise=EXACT, cell=cell), cell)

@@ -157,9 +157,6 @@ class Settings:
         pad_full: impedance of a coat on a disc from the depth on for which its stiffness is stated.
         sliding_stiffness: of the contact with an object along which the tip slides, N/m: about that of a steel ball
             of this size on steel.
-        sliding_time: damping of that contact over its stiffness, s.
-        sliding_impedance: impedance of that contact at any depth: with 0.9 and this damping the tip bounces where
-            it has no backlash.
         small_mass: mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg.
         elbow_mass: of joint 2 and the end of link 1, kg.
         friction_hardness: how much harder the friction inside a transmission is than MuJoCo's hardest: at rest it
@@ -173,8 +170,6 @@ class Settings:
     largest_tip: float = 5e-3
     pad_full: float = 0.7
     sliding_stiffness: float = 1e7
-    sliding_time: float = 2e-5
-    sliding_impedance: float = 0.7
     small_mass: float = 0.3
     elbow_mass: float = 2.1
     friction_hardness: float = 1e3
@@ -280,7 +275,6 @@ class Engine:
         scene: the robot.
         cell: the discs.
         joints: motor angles at the start, (2,), rad.
-        sliding: whether the tip slides along the objects.
         lift: of the third axis at the start, m.
         smooth: whether the targets move step by step, not at once; in a quasi-static scene they do.
 
@@ -288,22 +282,13 @@ class Engine:
         InputError: MuJoCo is not installed.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        cell: Cell,
-        joints: Floats,
-        *,
-        sliding: bool = False,
-        lift: float = LIFT,
-        smooth: bool = False,
-    ) -> None:
+    def __init__(self, scene: Scene, cell: Cell, joints: Floats, *, lift: float = LIFT, smooth: bool = False) -> None:
         self._mujoco = load_engine()
         self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
-        self._smooth = smooth or scene.quasi_static or sliding
+        self._smooth = smooth or scene.quasi_static
         self._ball = self.model.geom('ball').id
-        self._soften_contacts(scene, cell, sliding)
+        self._soften_contacts(scene, cell)
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         parts = ('motor', 'slip', 'spring', 'backlash')
@@ -319,28 +304,21 @@ class Engine:
         self.data.ctrl[:] = self._target
         self._mujoco.mj_forward(self.model, self.data)
 
-    def _soften_contacts(self, scene: Scene, cell: Cell, sliding: bool) -> None:
-        """The contacts with discs that have a coat, from its depth on, and with objects along which the tip slides.
+    def _soften_contacts(self, scene: Scene, cell: Cell) -> None:
+        """The contacts with discs that have a coat, from its depth on, and those of a commanded robot with friction.
 
         MuJoCo's contact at rest holds f R = k r, with R = A (1 - d)/d, k = -solref d/d_max², d the impedance at
         the depth r and A the inverse mass that the engine ascribes to the contact. When it slides, the damping b of
         the contact adds some μ b v to f R, v the sliding speed, since the friction cone and the normal force are one
         convex problem. Where f R is less than that, r is negative and there is no contact: the tip falls back and is
-        thrown off again, some hundred times per second. So an object is as hard as steel, not as hard as the engine
-        makes it, and the damping is small; with the impedance stated, the integrator's own damping is enough.
-        The discs of a commanded robot with friction, unless one has a coat, are as hard, with the engine's own damping:
-        with less of it a tip that friction holds creeps.
+        thrown off again, some hundred times per second. So the discs of a commanded robot with friction, unless one has
+        a coat, are as hard as steel, not as hard as the engine makes them, with the engine's own damping: with less of
+        it a tip that friction holds creeps.
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
-        objects = self.model.geom_contype > 0
-        if sliding:
-            stiffness = Settings.sliding_stiffness * inverse_mass * (1.0 - Settings.sliding_impedance)
-            self.model.geom_solref[objects] = (-stiffness, -Settings.sliding_time * stiffness)
-            self.model.geom_solimp[objects, :2] = Settings.sliding_impedance
-            return
         if self._smooth and scene.contact_friction and not scene.padded:  # R / A = (1 - d)/d, k = 1/(2 timesteps)²
             softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Settings.sliding_stiffness * inverse_mass)
-            self.model.geom_solimp[objects, :2] = 1.0 / (1.0 + softness)
+            self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
             damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * Settings.pad_full
             stiffness = scene.pad[0] * inverse_mass * (1.0 - Settings.pad_full)

@@ -29,8 +29,7 @@ a joint with lever l, torque F l and Δq = ΔS / l:
 
     p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
 
-A gauge at the end-effector measures joint and gripper in series; both dead zones add. Where the gripper was measured
-along the same direction in the same experiment, its displacement is subtracted, and its variance added.
+A gauge at the end-effector measures joint and gripper in series; both dead zones add, and the result says so.
 
 **Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
 (6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
@@ -44,9 +43,8 @@ u measures uᵀPu alone, of the general gripper (7).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,7 +52,7 @@ from scipy import stats
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
 from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Table, load_table, one_of
+from scara_kinetostatic.files.columns import Column, Table, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.studies.loops.record import LEVEL
 from scara_kinetostatic.studies.loops.selection import Estimate
@@ -134,22 +132,17 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
-    """Reads a table of readings.
+def load_readings(table: Table, **defaults: str | float) -> GaugeTable:
+    """The readings in a table.
 
     Args:
-        path: the file.
+        table: the file.
         defaults: by name of an optional column, the value where it is missing, or a cell of it is empty; SI.
 
     Raises:
         ParameterError: the rows of a joint have no lever.
-        RecordingError: the file cannot be read, a column or a row of it is wrong, or it is a continuous record.
+        RecordingError: a column or a row of it is wrong, or it is a continuous record.
     """
-    return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
-
-
-def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
-    """The readings in a table; see `load_readings`."""
     places = table.find(COLUMNS)
     values = table.read(places)
     cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
@@ -162,26 +155,21 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
         problem = 'a continuous record: it has a time and neither cycle nor direction'
         raise RecordingError(table.source, problem, 'give it to the verb hysteresis, or leave the time out')
     cells['line'] = [line for line, _ in table.rows]
-    runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for values_of_row in zip(*cells.values(), strict=True):
-        row = dict(zip(cells, values_of_row, strict=True))
-        if row['part'] == GRIPPER:
-            row['lever'] = math.nan
-        elif math.isnan(row['lever']):
-            where, remedy = f'{table.source}: line {row["line"]}', 'add a column lever_m, or give --lever'
-            raise ParameterError(where, 'a joint needs its lever', remedy)
-        own = row['part'], row['gauge_at'], str(round(row['direction'], 6)), str(round(row['lever'], 9))
-        runs.setdefault(own, []).append(row)
-    return GaugeTable(tuple(_readings(table.source, rows) for rows in runs.values()), notes)
-
-
-def _readings(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
-    """One run, from its rows."""
-    arrays: dict[str, Any] = {
-        name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')
-    }
-    of_run = {name: rows[0][name] for name in ('part', 'gauge_at', 'direction', 'lever')}
-    return Readings(**arrays, **of_run, source=source)
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for k, part in enumerate(cells['part']):
+        if part == GRIPPER:
+            cells['lever'][k] = math.nan
+        elif math.isnan(cells['lever'][k]):
+            remedy = 'add a column lever_m, or give --lever'
+            raise ParameterError(f'{table.source}: line {cells["line"][k]}', 'a joint needs its lever', remedy)
+        turn, lever = round(cells['direction'][k], 6), round(cells['lever'][k], 9)
+        rows.setdefault((part, cells['gauge_at'][k], str(turn), str(lever)), []).append(k)
+    runs = []
+    for own in rows.values():
+        found: dict[str, Any] = {name: cells[name][own[0]] for name in ('part', 'gauge_at', 'direction', 'lever')}
+        found |= {name: np.array(cells[name])[own] for name in ('force', 'displacement', 'cycle', 'line')}
+        runs.append(Readings(**found, source=table.source))
+    return GaugeTable(tuple(runs), notes)
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
@@ -247,14 +235,10 @@ class CombinedEstimate(NamedTuple):
 
     Attributes:
         estimate: weighted mean; where the estimates are inconsistent its std includes the variance between them.
-        chi_square: of the estimates about their mean.
-        degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
     """
 
     estimate: Estimate
-    chi_square: float
-    degrees_of_freedom: int
     p_value: float
 
 
@@ -280,8 +264,7 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEst
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
-    found = Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit)
-    return CombinedEstimate(found, chi_square, count - 1, p_value)
+    return CombinedEstimate(Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit), p_value)
 
 
 ZERO_BAND = 0.02
@@ -545,8 +528,7 @@ def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
     """
     fits = [(each, fit_run(each)) for each in readings]
     level = LEVEL / sum(len(fit.checks) + 2 for _, fit in fits)
-    grippers = [(each, fit) for each, fit in fits if each.part == GRIPPER]
-    runs = [_run(each, fit, grippers, level) for each, fit in fits]
+    runs = [_run(each, fit, level) for each, fit in fits]
     by_part = {name: tuple(run for run in runs if run.readings.part == name) for name in PARTS}
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
@@ -557,23 +539,13 @@ def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
     return DialGaugeAnalysis(parts, tuple(warnings))
 
 
-def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
-    """What a run says of its part; checks fail below a level.
-
-    A joint's run is without the gripper's contribution where the gauge was at the tip and the gripper was measured
-    along the same direction, within 0.5°.
-    """
+def _run(readings: Readings, fit: RunFit, level: float) -> Run:
+    """What a run says of its part; checks fail below a level."""
     compliance, gap, note = fit.compliance, fit.gap, ''
-    if readings.part != GRIPPER and readings.gauge_at == TIP:
-        turns = [(each.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each, _ in grippers]
-        there = [own for (_, own), turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
-        note = 'the gauge was at the tip: compliance and gap include those of the gripper'
-        if there:
-            one, other = mean([own.compliance for own in there]), mean([own.gap for own in there])
-            compliance, gap = compliance.plus(-one.value, one.std), gap.plus(-other.value, other.std)
-            note = 'the gripper along this direction was subtracted'
     if readings.part != GRIPPER:
         compliance, gap = compliance.over(readings.lever**2, 'rad/Nm'), gap.over(readings.lever, 'rad')
+        if readings.gauge_at == TIP:
+            note = 'the gauge was at the tip: compliance and gap include those of the gripper'
     failed = tuple(check for check in fit.checks if check.p_value < level)
     outliers = tuple(np.flatnonzero(fit.row_p < level / fit.used.sum()).tolist())
     return Run(readings, fit, compliance, gap, failed, outliers, note)
@@ -592,21 +564,12 @@ def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     return Part(name, runs, mean(several['compliance']), mean(several['gap']), combined, over_direction=True)
 
 
-_MEANING = {
-    'slope_difference': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
-    'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
-    'curvature': 'the lines deviate from straight by {value:.3g} ± {std:.2g} µm: the compliance depends on the load',
-    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; half of it is contained in the gap",
-    'gap_repeatability': 'the gap varies by {value:.3g} µm between cycles; its standard deviation includes this',
-    'slope_repeatability': 'the slope varies by {value:.3g} µm/N between cycles; its standard deviation includes this',
-}
-
-
 def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
-    name, checks = run.readings.name, run.failed_checks
-    meanings = (_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std) for check in checks)
-    found = [f'{name}: {meaning}' for meaning in meanings]
+    name, found = run.readings.name, []
+    for check in run.failed_checks:
+        size = f'{1e6 * check.value:.3g} ± {1e6 * check.std:.2g} µ{check.unit}'.replace(' ± nan', '')
+        found.append(f'{name}: {check.name.replace("_", " ")} of {size} (p = {check.p_value:.2g})')
     if run.outliers:
         where = f'{run.readings.source}: line {", ".join(map(str, run.readings.line[list(run.outliers)]))}'
         found.append(f'{where}: far from the straight line of {name}; check for a typing error')

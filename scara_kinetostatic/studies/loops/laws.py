@@ -92,7 +92,6 @@ class Law(NamedTuple):
         name: key.
         effect: name of the physical effect; laws of one effect are forms of it, the simplest first.
         title: in words.
-        meaning: the same as a sentence, with {load} and {response}.
         amplitudes: names of the linear parameters.
         shape: the other parameters.
         columns: B, one for each amplitude, of a path and of the shape parameters with the 'state' of friction.
@@ -102,7 +101,6 @@ class Law(NamedTuple):
     name: str
     effect: str
     title: str
-    meaning: str
     amplitudes: tuple[str, ...]
     shape: tuple[Shape, ...]
     columns: Columns
@@ -157,34 +155,29 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
 _SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (0.01, 0.03, 0.08, 0.2), 0.0))
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
 BACKLASH = Law(
-    'backlash', 'backlash', 'law (6): slope and gap', '',
+    'backlash', 'backlash', 'law (6): slope and gap',
     ('stiffness',), _SPRING, lambda path, values: (_spring(path, values),),
 )  # fmt: skip
 MOTION_LAWS = (
     Law(
         'softening', 'softening', 'softening spring',
-        'a softening spring: the stiffness decreases with the load',
         ('stiffness',), (*_SPRING, *_LIMITS), _softening,
     ),
     Law(
         'viscous', 'viscous', 'damper in parallel',
-        'viscous damping in parallel: a {load} proportional to the speed',
         ('stiffness', 'damping'), _SPRING, lambda path, values: (_spring(path, values), path.speed),
     ),
     Law(
         'friction', 'friction', 'friction in parallel',
-        'Coulomb friction in parallel: the {load} jumps with the sense of motion',
         ('stiffness', 'friction'), _SPRING, lambda path, values: (_spring(path, values), path.sense),
     ),
     Law(
         'slip_no_gap', 'slip', 'slip in series, no gap',
-        'Coulomb friction in series, without a gap: the joint slips at a limit of the {load}',
         ('stiffness',), (_LIMITS[0]._replace(name='limit'),),
         lambda path, values: (path.driver - path.play_operator(values['limit'], values['state']),), True,
     ),
     Law(
         'slip', 'slip', 'slip in series',
-        'Coulomb friction in series: the joint slips at a limit of the {load}',
         ('stiffness',), (_SPRING[1], *_LIMITS), _slip, True,
     ),
 )  # fmt: skip
@@ -216,19 +209,16 @@ def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
 LOAD_BACKLASH = BACKLASH._replace(amplitudes=('compliance', 'half_gap'), shape=(), columns=_gap_that_returns(4.0))
 _GAP = Law(
     'gap', 'gap', 'gap that keeps its place when unloaded',
-    'a gap that keeps its place when unloaded: the joint stays where the load left it',
     LOAD_BACKLASH.amplitudes, (), _gap_that_stays(4.0), True,
 )  # fmt: skip
 _FRICTION = Law(
     'friction', 'friction', 'friction in parallel',
-    'friction in parallel with the spring: it holds part of the load in either sense',
     LOAD_BACKLASH.amplitudes,
     (Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0), Shape('rounding', (0.01, 0.03, 0.1), most=1.0)),
     _friction, True,
 )  # fmt: skip
 _SLIP = Law(
     'slip', 'slip', 'slip in series with memory',
-    'slip in series with memory: part of the compliance slips under load and stays when the load has gone',
     ('compliance', 'slip_compliance'), (Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0),),
     _slips, True,
 )  # fmt: skip
@@ -236,7 +226,6 @@ LOAD_LAWS = (
     _FRICTION,
     _FRICTION._replace(
         name='load_friction', effect='load_friction', title='friction in parallel that grows with the load',
-        meaning='friction in parallel with the spring that grows with the load',
         shape=(
             _FRICTION.shape[0],
             Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True),

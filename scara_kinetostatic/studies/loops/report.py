@@ -113,7 +113,7 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
     if predicted:
         begins = 'the unloading' if study.records[0].is_at_rest_first else 'the end of the first third'
         note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
-        found = _record_table(selections[0], predicted), *_figures(selections[0], predicted, 'other')
+        found = _record_table(selections[0], predicted), _figures(selections[0], predicted, 'other')
         blocks += (Section('Further records, predicted', (note, *found)),)
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
@@ -140,26 +140,22 @@ def verdict(selection: Selection) -> Verdict:
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
         headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
-        sentences = list[str]()
         if selection.needs_memory:
             headline, level = 'Law (6) is sufficient only with a gap that keeps its place when unloaded', 'caution'
         if selection.verdict == UNDECIDED:
             headline, level = 'These records do not show whether law (6) is sufficient', 'caution'
             residual = 'the residual of law (6)'
-            smaller = ', '.join(each.law.title for each in selection.candidates if selection.is_clearly_smaller(each))
-            if smaller:
-                sentences = [f'Held out, these err clearly less, though not significantly: {smaller}.']
         found = f'No dependence of {residual} was found ({chances}).'
         found += f' Each test would have found {limit:.0f} % of its square.'
-        return Verdict(headline, level, (found, *sentences, *_reservations(selection), errors))
+        return Verdict(headline, level, (found, *_reservations(selection), errors))
     evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
     if selected is None:
         headline = 'Law (6) is not sufficient, and no candidate predicts significantly better'
         return Verdict(headline, 'bad', (evidence, errors))
-    meanings = [record.words(each.law.meaning) for each in (selected, *selection.rivals)]
-    headline = f'Law (6) is not sufficient: {meanings[0]}'
+    headline = f'Law (6) is not sufficient: {selected.law.title}'
     if selection.rivals:
-        headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
+        titles = ' and '.join(each.law.title for each in (selected, *selection.rivals))
+        headline = f'Law (6) is not sufficient; these records do not distinguish between {titles}'
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
     errors = f'{held_out}, the error falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
@@ -201,15 +197,14 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
     compared = Note(
-        'Errors: rms. Held out: predicted by fits that have not seen what is judged; zero and state of friction are '
-        'from the samples before. p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), '
-        'which counts the parameters. '
-        'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
-        'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
+        'Errors: rms. Held out: predicted by fits that have not seen what is judged. p: p-value of no better '
+        'prediction than by law (6). ΔBIC: difference to law (6). Better: in the rms, in BIC and in the test (0.5 %, '
+        'shared among the laws). Selected: of these the one with the smallest BIC; of several forms the simplest '
+        'within 2.'
     )
     judged = selection.judged
     return (
-        Section('Records', (_record_table(selection, judged), *_figures(selection, judged, name))),
+        Section('Records', (_record_table(selection, judged), _figures(selection, judged, name))),
         Section('Laws compared', (_candidate_table(selection), compared)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
@@ -241,9 +236,6 @@ def _record_table(selection: Selection, judged: Sequence[Judged]) -> Table:
         ('range of load', records[0].load_unit, [_number(float(np.ptp(each.load))) for each in records]),
         ('of response', moved.unit, [_number(moved.per_si * float(np.ptp(each.response))) for each in records]),
     ]
-    if not any(each.path.in_loops for each in judged):
-        stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in records]
-        columns.append(('stays', moved.unit, stays))
     columns.append(('before', error.unit, [_number(error.per_si * each.before_rms) for each in judged]))
     if selected:
         columns.append(('after', error.unit, [_number(error.per_si * each.after_rms) for each in judged]))
@@ -284,8 +276,8 @@ def _parameter_table(selection: Selection) -> Table:
     return Table(('parameter', *headings), ('',) * (1 + len(columns)), tuple(rows))
 
 
-def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[Block]:
-    """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
+def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> Figures:
+    """Pictures of each record, that with the largest error of law (6) first."""
     order = sorted(enumerate(judged), key=lambda numbered: -numbered[1].before_rms)
     pictures = [
         Figure(partial(_picture, selection, each, f'{name}_{k}'), title=each.path.record.name) for k, each in order
@@ -293,8 +285,7 @@ def _figures(selection: Selection, judged: Sequence[Judged], name: str) -> list[
     note = (
         'Before, after: error (rms) by law (6) and by the selected law. Measured, and predicted where it was held out.'
     )
-    more = Section(f'{len(pictures) - 4} more', (Figures(tuple(pictures[4:])),), folded=True)
-    return [Figures(tuple(pictures[:4]), note), *[more][: len(pictures[4:])]]
+    return Figures(tuple(pictures), note)
 
 
 def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
@@ -337,13 +328,8 @@ def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
 
 
 def _part(part: dial_gauge.Part) -> Document:
-    maps = {}
-    for what, isotropy in part.combined.items() if part.over_direction else ():
-        values = [getattr(run, what).value for run in part.runs]
-        extent = {'mean': getattr(part, what), 'smallest': min(values), 'largest': max(values)}
-        maps[what] = extent | {'isotropy': isotropy}
     runs = {'runs': [_run(run) for run in part.runs]}
-    return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
+    return _quantities(part) | runs | ({'over_direction': part.combined} if part.over_direction else {})
 
 
 def _quantities(each: dial_gauge.Part | dial_gauge.Run) -> Document:
@@ -414,13 +400,9 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
     for what, isotropy in part.combined.items() if part.over_direction else ():
-        test = f'χ² = {isotropy.chi_square:.1f} with {isotropy.degrees_of_freedom} degrees of freedom'
-        test += f', {p_equals(isotropy.p_value)}'
-        if isotropy.p_value >= LEVEL:
-            found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
-            continue
         values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
-        found.append(f'The {what} depends on the direction ({test}): {min(values):.4g} … {max(values):.4g} {unit}.')
+        word = 'depends on the direction' if isotropy.p_value < LEVEL else 'is equal in all directions'
+        found.append(f'The {what} {word} ({p_equals(isotropy.p_value)}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
 
 

@@ -31,9 +31,9 @@ At the end of link 2 the gauge measures the joint alone.
 under a load along u, without friction, the tip is at the point of the ellipse that is farthest along u, so that the gap
 between the two senses is the width of the ellipse,
 
-    gap(φ) = √(gap_major² cos²(φ - axis) + gap_minor² sin²(φ - axis)),
+    gap(φ) = √(gap_major² cos² φ + gap_minor² sin² φ),
 
-an even, smooth function of the direction. By default the gap is largest along x and smallest along y, so that
+an even, smooth function of the direction. The gap is largest along x and smallest along y, so that
 directions 30° apart contain both ends of the measured range; the paper does not state their directions.
 
 **Gap and half gap.** Values of backlash are gaps here, the jump of ΔS at F = 0, as those of figure 4(d) according to
@@ -54,9 +54,8 @@ from scara_kinetostatic.calibration.fit_point import base_force, force_error, fo
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
@@ -84,7 +83,6 @@ class DialGaugeBench:
         p_ee: compliance of the gripper, m/N.
         gap_major: its largest gap over the directions, m.
         gap_minor: its smallest.
-        axis: direction of the largest, rad.
         p: compliance of joint 1 and 2, rad/Nm.
         gap: of joint 1 and 2, rad.
         links: their lengths, m.
@@ -94,7 +92,6 @@ class DialGaugeBench:
     p_ee: float = 3.76e-5
     gap_major: float = 2.05e-4
     gap_minor: float = 5.49e-5
-    axis: float = 0.0
     p: tuple[float, float] = (3.23e-5, 1.08e-4)
     gap: tuple[float, float] = (2.64e-4, 2.68e-4)
     links: tuple[float, float] = (0.33, 0.33)
@@ -102,8 +99,7 @@ class DialGaugeBench:
 
     def gripper_gap(self, direction: ArrayLike) -> Floats:
         """Gap of the gripper along directions (rad), m."""
-        turned = np.asarray(direction, dtype=float) - self.axis
-        return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
+        return np.hypot(self.gap_major * np.cos(direction), self.gap_minor * np.sin(direction))
 
     def run(self, rng: np.random.Generator, part: str, direction: float = 0.0) -> Readings:
         """The experiment at the gripper along one direction, joints locked, or at joint 1 or 2, the other one locked.
@@ -182,12 +178,7 @@ def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
     Args:
         touches: Q and F; the sensor in the base frame, as in the paper.
         cell: discs and sign of (7).
-
-    Raises:
-        ParameterError: the sensor is in the tool frame, which the paper does not consider.
     """
-    if cell.sensor.frame is not SensorFrame.BASE:
-        raise ParameterError('sensor.frame', 'the algorithm of the paper takes forces in the base frame')
     observations = observe(touches, cell)
     measured = base_force(observations, ExtendedModel(cell.nominal))
 
