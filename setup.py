@@ -7,9 +7,9 @@ from setuptools import find_packages, setup
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
-URDF = ['urdfdom_py', 'lxml', 'xacro']  # for the verb `cell` and `export --into`
+URDF = ['urdfdom_py', 'lxml']  # for the verb `cell` and `export --into`
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'example-robot-data']
-TEST += [*URDF, *PHYSICS]
+TEST += [*URDF, *PHYSICS, 'xacro']
 BENCH = [
     'casadi',
     'mcap-ros2-support',

@@ -353,7 +353,7 @@ def _check_converged(final: Calibration, detection: Detection, names: str) -> No
         error = UnsupportedDataError(
             f'the fit does not converge; its force error is {final.force_error:.3g} N',
             'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor; '
-            'an upright arm needs `gravity`',
+            'an upright arm needs `gravity`, and touches with several forces',
         )
         raise _with_rejections(error, detection, names)
 
