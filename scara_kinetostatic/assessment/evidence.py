@@ -27,7 +27,8 @@ from scipy.special import chdtri
 
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.fit_point import project
-from scara_kinetostatic.calibration.result import Calibration, HeldOut
+from scara_kinetostatic.calibration.held_out import HeldOut
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget

@@ -1,7 +1,6 @@
 """The result of a calibration, frozen, and how it follows from the end of the estimation.
 
-With it what each source of uncertainty contributes to the covariance (GUM, 5.2), and the force error on touches that
-took no part in the fit.
+With it what each source of uncertainty contributes to the covariance (GUM, 5.2).
 """
 
 from __future__ import annotations
@@ -15,16 +14,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, DeclaredErrors, Prior, RandomEffects
-from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit, fewest_touches
-from scara_kinetostatic.calibration.fit_point import (
-    FINAL,
-    Point,
-    base_force,
-    force_error,
-    force_residual,
-    project,
-    select,
-)
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
+from scara_kinetostatic.calibration.fit_point import Point, base_force, force_error, force_residual, project
 from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
     advise,
@@ -35,7 +26,7 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
-from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
+from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -452,42 +443,6 @@ def of_full_model(c: Calibration) -> tuple[Indices, Floats]:
     own, size = (0, np.zeros(0)) if c.random is None else (c.random.of_robot, c.random.size)
     kept = np.concatenate([np.arange(values), values + m + np.arange(own)])
     return kept, np.concatenate([np.ones(values), size[:own]])
-
-
-class HeldOut(NamedTuple):
-    """e_f (10) over touches each predicted by a fit without it.
-
-    Attributes:
-        force_error: N.
-        folds: into how many parts the touches were split.
-    """
-
-    force_error: float
-    folds: int
-
-
-def held_out_force_error(calibration: Calibration) -> HeldOut:
-    """Split the used touches at random into five folds; predict each fold by a fit to the others.
-
-    Noise levels, outliers and unidentifiable directions are those of the whole fit.
-
-    Args:
-        calibration: the result whose touches, noise and free parameters are used.
-    """
-    c = calibration
-    places = np.flatnonzero(c.used)
-    n = len(places)
-    spare = n - fewest_touches(c.subspace.basis.shape[1])
-    folds = max(2, min(5, n)) if spare < 1 else min(n, max(5, -(-n // spare)))  # as many as leave enough to each fit
-    part = np.random.default_rng(0).permutation(n) % folds
-    residual = np.empty((n, 2))
-    for fold in range(folds):
-        kept = c.observe(places[part != fold])
-        start = select(c.projection, places[part != fold]).adjusted
-        fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
-        left = c.observe(places[part == fold]).with_errors(fit.point.errors)
-        residual[part == fold] = force_residual(left, fit.point.model)
-    return HeldOut(force_error(residual), folds)
 
 
 class UndetectedErrors(NamedTuple):

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
-from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate, all_candidates, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (

@@ -11,7 +11,7 @@ from calibration.studies import CELL, EXACT, NOISE, touches, z_scores
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
-from scara_kinetostatic.calibration.result import held_out_force_error
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame

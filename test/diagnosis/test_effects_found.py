@@ -23,7 +23,7 @@ from benchmark import lone_flaws
 from benchmark.common import NO_OTHERS
 from benchmark.diagnosis.unlisted import OvalDisc, Ripple, StiffGripper
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.result import held_out_force_error
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.model.contact import contact

@@ -13,7 +13,7 @@ from diagnosis.simulated import CELL, MORE, NOISE, UNKNOWN_NOISE, check_paramete
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.result import held_out_force_error
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell

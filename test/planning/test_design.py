@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.result import held_out_force_error
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.effects.contact_friction import ContactFriction
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError

@@ -1,0 +1,101 @@
+"""A robot's own URDF, in which the origins of the two joints, and of the one that carries the tip, are corrected.
+
+With Δ the calibrated less the file's own geometry, in the plane of the arm (`files.robot_cell`):
+
+    joint 1:     its place by (Δx0, Δy0), turned about its axis by Δtheta1
+    joint 2:     its place by Δl1 along link 1, turned about its axis by Δtheta2
+    the next:    its place by Δl2 along link 2, where the calibration changed l2
+
+All else stays, but for the style of attributes. The tip is then that of the rigid arm, H(L, Q).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.robot_cell import planar_arm
+from scara_kinetostatic.files.robot_urdf import Robot, axis_of
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.kinematics import wrap
+
+_MOST = 0.05
+"""A geometry that differs by more is that of another robot, m and rad."""
+_SAME = 1e-14
+"""A joint that moves by less stays as it is, m."""
+
+
+class Origin(NamedTuple):
+    """Place, m, and roll, pitch and yaw, rad, of a joint in its parent."""
+
+    xyz: Floats
+    rpy: Floats
+
+
+def corrected_origins(arm: CalibratedArm, robot: Robot) -> dict[str, Origin]:
+    """The origins that change, by joint.
+
+    Raises:
+        InputError: the cell of the calibration has no plane of a robot, or the robot is another one.
+    """
+    cell, p = arm.cell, arm.model.parameters
+    if not cell.plane.tip or cell.coupling:
+        problem = 'a URDF has no coupling of joints' if cell.coupling else 'its cell has no robot.plane with a tip'
+        raise InputError('the calibration', problem, 'describe the cell by `scara-kinetostatic cell --urdf`')
+    joints, positions, plane = cell.joint_names, dict(cell.hold), cell.plane
+    now = planar_arm(robot, joints, plane.tip, positions)
+    x, y, height = plane.in_plane(np.array(now.plane.origin)).tolist()
+    own = now.nominal
+    lengths = np.array([p.x0 - x, p.y0 - y, height, p.l1 - own.l1, p.l2 - own.l2])
+    angles = wrap(np.array([p.theta1 - own.theta1, p.theta2 - own.theta2]))
+    off = max(*np.abs(lengths), *np.abs(angles), np.abs(plane.axes - now.plane.axes).max())
+    if now.direction != cell.direction or off > _MOST:
+        problem = f'differs by {off:.2g} m or rad from what was calibrated, or a joint turns the other way'
+        raise robot.error(problem, 'give the URDF from which the cell was described')
+    chain = robot.chain(plane.tip)
+    third = chain[[joint.name for joint in chain].index(joints[1]) + 1].name
+    along = np.array([[np.cos(a), np.sin(a), 0.0] for a in (own.theta1, own.theta1 + own.theta2)])
+    moves = (np.array([*lengths[:2], 0.0]), *(lengths[3:, None] * along))
+    turns = (*(angles * cell.direction).tolist(), 0.0)
+    return {
+        name: _moved(robot, name, positions, plane.axes @ move, turn)
+        for name, move, turn in zip((*joints, third), moves, turns, strict=True)
+        if np.abs(move).max() > _SAME or turn
+    }
+
+
+def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats, turn: float) -> Origin:
+    """The origin of a joint moved in the root, m, and turned about its axis, rad."""
+    joint = robot.joints[name]
+    xyz, rpy = np.array((joint.origin and (joint.origin.xyz, joint.origin.rpy)) or np.zeros((2, 3)), dtype=float)
+    parent = robot.frame(joint.parent, positions)[:3, :3]
+    if turn:
+        turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # where roll and yaw turn about one axis, one of them is taken as 0
+            roll, pitch, yaw = turned.as_euler('xyz')
+        off = wrap(np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]]) - rpy)
+        rpy = rpy + off[np.abs(off).sum(axis=1).argmin()]  # of its two triples that which is near the old one
+    return Origin(np.round(xyz + parent.T @ move, 15) + 0.0, np.round(rpy, 15) + 0.0)
+
+
+def with_origins(content: bytes, origins: Mapping[str, Origin], lines: Sequence[str]) -> str:
+    """The text of a URDF with other origins of some joints, and comment lines before its root."""
+    from lxml import etree
+
+    robot = etree.fromstring(content)
+    for joint in robot.iterchildren('joint'):
+        if joint.get('name') in origins:
+            if (origin := joint.find('origin')) is None:
+                joint.insert(0, origin := etree.Element('origin'))
+            for key, values in origins[joint.get('name')]._asdict().items():
+                origin.set(key, ' '.join(map(repr, values.tolist())))
+    robot.addprevious(etree.Comment('\n' + ''.join(f'  {line}\n' for line in lines)))
+    return str(etree.tostring(robot.getroottree(), encoding='utf-8', xml_declaration=True).decode() + '\n')
