@@ -11,29 +11,31 @@ Three sources, in this order:
 
   The value is a class derived from `Effect`, whose `Effect.instances` say for which joints or discs of a cell it is
   there, or a function from a cell to effects. An entry that cannot be loaded, offers something else, uses a label
-  that is taken, or has derivatives that are no numbers, is left out with one warning that names its package.
+  that is taken, or cannot be evaluated at a few touches, is left out with one warning that names its package.
 - `register`: the same for one process, as in a notebook or a test.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.shift import Stepped
 from scara_kinetostatic.errors import ParameterError, did_you_mean, expect
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import forward, link_vectors
 from scara_kinetostatic.model.kinetostatics import joint_torques
+from scara_kinetostatic.model.touch import LATER
 
 Factory = Callable[[Cell], Iterable[Effect]]
 """From a cell to the effects of a kind that it may have."""
@@ -73,6 +75,8 @@ BUILT_IN: tuple[type[Effect], ...] = (
     objects.EdgeBow,
 )
 """The catalogue of this package."""
+_LARGEST = 0.1
+"""Shift of a typical effect, m or rad, beyond which it forgets that a touch may be one to come."""
 _registered: list[Factory | type[Effect]] = []
 
 
@@ -167,7 +171,7 @@ def _of_entry_point(point: EntryPoint, cell: Cell, taken: dict[str, Effect]) -> 
                 raise TypeError(f'expected effects, got {effect!r:.80}')
             if effect.label in taken or effect.label in found:
                 raise ValueError(f'the label {effect.label!r} is taken')
-            _check_derivatives(effect, cell)
+            evaluate_once(effect, cell)
             found[effect.label] = effect
     except (KeyboardInterrupt, MemoryError):
         raise
@@ -203,21 +207,73 @@ def _package(point: EntryPoint) -> str:
     return f'{point.dist.name} {point.dist.version}' if point.dist is not None else 'an unknown package'
 
 
-def _check_derivatives(effect: Effect, cell: Cell) -> None:
-    """Refuse an effect whose derivatives at seven poses are not one shift of finite numbers per parameter.
+def evaluate_once(effect: Effect, cell: Cell) -> None:
+    """Evaluate shift, derivatives, trials and plot variable of an effect at a few touches with its typical values.
+
+    Args:
+        effect: the effect.
+        cell: the cell.
 
     Raises:
-        ValueError: they are not.
+        ValueError: an array has the wrong shape or a value that is not finite; names it.
         Exception: whatever the effect raises.
     """
-    p, number, values = cell.nominal, np.arange(7.0), np.array(effect.typical)  # 7: no shape is so by chance
-    joints = np.stack([0.3 + 0.2 * number, 1.0 + 0.15 * number], axis=-1)
-    force = np.stack([10.0 + 5.0 * number, 20.0 - 3.0 * number], axis=-1)
-    torques, links, metadata = joint_torques(p, joints, force), link_vectors(p, joints), TouchMetadata.plain(7)
-    at = TouchState.of_poses(p, joints, force, torques, links, forward(p, joints), metadata)
-    shifts = effect.derivative(at, values)
-    parts = [part for shift in shifts for part in shift if part is not None]
-    parts += effect.sensor_error_derivative(force, values, metadata)
-    good = all(np.shape(part) == force.shape and np.isfinite(part).all() for part in parts)
-    if not good or len(shifts) != len(values):
-        raise ValueError(f'expected {len(values)} derivatives, one per parameter, of finite numbers for each touch')
+    at, values = _some_touches(cell), np.array(effect.typical)
+    n, k = len(at.joints), len(values)
+    with np.errstate(all='ignore'):
+        shift = effect.shift(at, values)
+        _check_shifts('shift', [shift], 1, n)
+        _check_shifts('derivative', effect.derivative(at, values), k, n)
+        larger = _some_touches(cell, factor=2.0), ForceDependence.ALL, 'magnitude'
+        turned = _some_touches(cell, turn=0.1), ForceDependence.DIRECTION, 'direction'
+        for state, needed, what in (larger, turned):
+            other = effect.shift(state, values)
+            changed = any(a is not None and (b is None or (a != b).any()) for a, b in zip(shift, other, strict=True))
+            if effect.force_dependence < needed and changed:
+                stated = effect.force_dependence.name
+                raise ValueError(f'force_dependence: {stated} is stated, but the shift depends on the {what}')
+        error = effect.sensor_error(at.force, values)
+        if error is not None:
+            _check_array('sensor_error', error, (n, 2))
+            errors = effect.sensor_error_derivative(at.force, values)
+            _check_array('sensor_error_derivative', errors, (k, n, 2))
+        _check_array('amplitudes', effect.amplitudes(values), values.shape)
+        for trial in effect.trials(at, at.force):
+            _check_shifts('trials', trial.columns, len(trial.columns), n)
+        later = effect.shift(at._replace(metadata=at.metadata._replace(order=np.full(n, LATER))), values)
+        _check_shifts('shift of touches to come', [later], 1, n)
+        if any(part is not None and np.abs(part).max() > _LARGEST for part in later):
+            raise ValueError(f'shift of touches to come (order {LATER}): larger than {_LARGEST} m or rad')
+        _check_array('acts_on', effect.acts_on(at), (n,))
+        _check_array('plot_axis', effect.plot_axis(at, values).values, (n,))
+
+
+def _some_touches(cell: Cell, factor: float = 1.0, turn: float = 0.0) -> TouchState:
+    """Seven touches of all discs in both postures, at different angles, forces and times.
+
+    The forces are `factor` times as large and turned by `turn`, rad.
+    """
+    number = np.arange(7)  # that no shape of an effect is by chance
+    disc, posture, k, p = number % len(cell.discs), 1 - 2 * (number % 2), number.astype(float), cell.nominal
+    sense = posture.astype(float)
+    joints = np.stack([0.3 + 0.2 * k, sense * (1.0 + 0.15 * k)], axis=-1)
+    normal = np.stack([np.cos(0.5 + 0.8 * k + turn), np.sin(0.5 + 0.8 * k + turn)], axis=-1)
+    force = factor * (10.0 + 5.0 * k)[:, None] * normal
+    approach = np.asarray(1e-4 * np.stack([sense, -sense], axis=-1))
+    metadata = TouchMetadata(disc, np.asarray(60.0 * k), approach, posture, approach, order=number)
+    links, torques = link_vectors(p, joints), joint_torques(p, joints, force)
+    return TouchState.of_poses(p, joints, force, torques, links, forward(p, joints), metadata)
+
+
+def _check_shifts(method: str, shifts: Sequence[Shift], count: int, n: int) -> None:
+    if len(shifts) != count:
+        raise ValueError(f'{method}: expected {count}, one per parameter, got {len(shifts)}')
+    for part in (part for shift in shifts for part in shift if part is not None):
+        _check_array(method, part, (n, 2))
+
+
+def _check_array(method: str, values: ArrayLike, shape: tuple[int, ...]) -> None:
+    if np.shape(values) != shape:
+        raise ValueError(f'{method}: expected the shape {shape}, got {np.shape(values)}')
+    if not np.isfinite(values).all():
+        raise ValueError(f'{method}: expected finite values')

@@ -12,12 +12,13 @@ from effects.scenes import EFFECTS, LABELS, random_scene
 from benchmark.population import SIZES
 from scara_kinetostatic.effects import registry
 from scara_kinetostatic.effects.base import JointEffect
-from scara_kinetostatic.effects.joints import EncoderGain
-from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
+from scara_kinetostatic.effects.joints import EncoderGain, JointHardening
+from scara_kinetostatic.effects.objects import ObjectRadius
+from scara_kinetostatic.effects.registry import catalogue, evaluate_once, find, register, unregister
 from scara_kinetostatic.effects.undetected import TYPICAL
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.effect_law import Parameter
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter
 
 NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
@@ -66,6 +67,7 @@ def test_an_effect_says_what_it_is_and_can_be_evaluated(effect):
         assert effect.target in effect.title.replace('joint ', 'joint').replace('link ', 'link')
     for sizes in (TYPICAL, SIZES):  # of a sound arm, and in the population
         assert {effect.name, effect.label} & sizes.keys()
+    evaluate_once(effect, CELL)
 
 
 def test_variables_have_one_value_per_touch():
@@ -112,6 +114,19 @@ def test_a_class_may_be_registered_as_its_entry_point_may_be(nothing_registered)
     assert [effect.label for effect in catalogue(CELL)[-2:]] == ['my_gain[joint1]', 'my_gain[joint2]']
     with pytest.raises(ParameterError, match='expected a class derived from Effect or a function'):
         register(EncoderGain.of(0))
+
+
+def test_an_effect_that_depends_on_more_of_the_force_than_it_says_is_refused():
+    class Stiff(JointHardening):
+        force_dependence = ForceDependence.NONE
+
+    class Larger(ObjectRadius):
+        force_dependence = ForceDependence.NONE
+
+    with pytest.raises(ValueError, match='force_dependence: NONE is stated, but the shift depends on the magnitude'):
+        evaluate_once(Stiff.of(0), CELL)
+    with pytest.raises(ValueError, match='force_dependence: NONE is stated, but the shift depends on the direction'):
+        evaluate_once(Larger.of(0, 'disc_1'), CELL)
 
 
 def test_two_of_one_label_are_refused(nothing_registered):
