@@ -343,11 +343,13 @@ def advice(evidence: Evidence) -> str:
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
-    if largest.declared is None or largest.kind == UNDETECTED:
-        return 'record more touches'
+    if largest.kind == UNDETECTED:
+        return 'record more touches, elsewhere, with other forces and both elbows: effects too small to be found dominate'
+    if largest.declared is None:
+        return 'record more touches: noise dominates'
     every = largest._replace(label=f'{largest.kind}[{", ".join(item.target for item in items)}]')
     others = COVERAGE_FACTOR * math.hypot(*(item.tip for item in evidence.budget if item.kind != largest.kind))
-    return f'determine the {every.title} more accurately: without that error it is {quantity(others, "m")} there'
+    return f'determine the {every.title} more accurately: without that error the tip is known there to {quantity(others, "m")} (k = 2)'
 
 
 def to_discriminate(d: Diagnosis) -> str:

@@ -104,6 +104,10 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         reason = 'without gravity they are no parameters'
         raise top.error('robot.moments', reason, 'give `gravity` or leave them out')
     found['tip_radius'] = found.pop('tip', None)
+    others = [*([found['lift'].joint] if found.get('lift') else []), *found.get('hold', ())]
+    joints = [*found.get('joint_names', cells.Cell.joint_names), *others]
+    if twice := [name for name in joints if joints.count(name) > 1]:
+        raise top.error('robot', f'{twice[0]!r} is named twice', 'joint_names, lift and hold are different joints')
     found['limits'] = turned_limits(found.get('limits'), found.get('direction', (1, 1)))
     discs = () if may_be_empty and top.data['objects'] == [] else _discs(top)
     try:
@@ -113,9 +117,6 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         raise top.error(error.where, error.problem, error.remedy) from error
     if empty := {plate.name for plate in cell.plates} - {disc.plate for disc in discs}:
         raise top.error('plates', f'no disc is on plate {min(empty)!r}', 'leave it out, or name it at its discs')
-    joints = [*cell.joint_names, *([cell.lift.joint] if cell.lift else []), *cell.hold]
-    if twice := [name for name in joints if joints.count(name) > 1]:
-        raise top.error('robot', f'{twice[0]!r} is named twice', 'joint_names, lift and hold are different joints')
     if check_layout and discs and (problems := cells.layout_problems(cell, cell.centers, cell.radii)):
         remedy = 'check center and radius (in m, to the centre of the tip; not the diameter)'
         raise top.error('objects', problems[0], remedy)

@@ -203,13 +203,17 @@ class Plane(NamedTuple):
         return np.asarray((places - np.array(self.origin)) @ self.axes)
 
     @property
-    @lru_cache(maxsize=16)  # noqa: B019 - of all planes together
     def quaternion(self) -> tuple[float, float, float, float]:
         """X, y, z and w of its rotation."""
-        from scipy.spatial.transform import Rotation
+        return _quaternion(self)
 
-        x, y, z, w = Rotation.from_matrix(self.axes).as_quat().tolist()
-        return x, y, z, w
+
+@lru_cache(maxsize=16)
+def _quaternion(plane: Plane) -> tuple[float, float, float, float]:
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(plane.axes).as_quat().tolist()
+    return x, y, z, w
 
 
 def axes_problem(x: tuple[float, ...], y: tuple[float, ...]) -> str:
@@ -569,7 +573,7 @@ class Cell:
                 raise ParameterError(name, f'expected a number above 0, got {value}', 'or leave it out')
         for outline in (disc for disc in self.discs if isinstance(disc, Outline)):
             if self.tip_radius is None:
-                raise ParameterError('tip_radius', f'is needed for the outline of {outline.name!r}', 'give it, m')
+                raise ParameterError('tip', f'its radius is needed for the outline of {outline.name!r}', 'add tip: {radius: 0.005}, m')
             if (problem := outline_problem(outline, self.tip_radius)) is not None:
                 raise ParameterError(outline.name, *problem)
         if self.noise is not None:
@@ -697,16 +701,21 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
     """Distance of two objects between the places of the tip on them, m; below 0 where they overlap, -inf if open ones
     cross.
     """
-    if isinstance(one, Disc) and isinstance(other, Disc):
+    if isinstance(one, Disc):
+        one, other = other, one
+    if isinstance(one, Disc):
         return float(np.hypot(one.x - other.x, one.y - other.y) - one.radius - other.radius)
+    if isinstance(other, Disc):
+        places, center = boundary(surfaces_of([one], tip_radius)), np.array([[other.x, other.y]])
+        to_center = float(np.hypot(*(places - center).T).min())
+        return -to_center if one.is_closed and inside(places, center)[0] else to_center - other.radius
     items = one, other
     places, others = lines = [boundary(surfaces_of([item], tip_radius)) for item in items]
     away = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1))
     depths = [away.min(axis=1 - k)[inside(lines[1 - k], lines[k])] for k in (0, 1) if items[1 - k].is_closed]
     if any(depth.size for depth in depths):
         return -float(np.concatenate(depths).max())
-    corners = [np.array(item.corners) for item in items if isinstance(item, Outline)]
-    return -np.inf if len(corners) == 2 and crosses(*corners) else float(away.min())
+    return -np.inf if crosses(np.array(one.corners), np.array(other.corners)) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))

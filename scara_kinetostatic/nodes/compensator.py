@@ -31,6 +31,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.executors import Executor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -81,7 +82,7 @@ class Compensator(CellNode):
         joints, force = cell.sensor[:2]
         self._joint_states = self.create_subscription(JointState, joints, self._take_joints, newest, raw=True)
         self._wrenches = self.create_subscription(WrenchStamped, force, self._take_wrench, newest, raw=True)
-        self.create_subscription(MultiDOFJointState, '~/compensate', self._answer, 10)
+        self._requests = self.create_subscription(MultiDOFJointState, '~/compensate', self._answer, 10, raw=True)
         self.serve_tare(self._tare)
         self.publish_status('tip', self._report)
         self._calibration.start()
@@ -110,12 +111,16 @@ class Compensator(CellNode):
             self._forces.clear()
 
     def spin(self, executor: Executor) -> None:
-        """Looks for joint states again and again: a round of the executor, for all else, takes as long as a sample."""
-        executor.spin_once(timeout_sec=0)
-        for _ in range(40):
+        """Looks for joint states again and again while they come, and for requests: a round of the executor, for all else,
+        takes as long as a sample."""
+        stands = self._joints is None or monotonic() - self._joints[2] > 0.5
+        executor.spin_once(timeout_sec=0.2 if stands else 0)
+        for _ in range(0 if stands else 40):
             for message, _ in waiting(self._joint_states):
                 self._take_joints(message)
             sleep(self.rest)
+        for message, _ in waiting(self._requests):
+            self._answer(message)
 
     def _take_wrench(self, message: bytes) -> None:
         if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
@@ -209,8 +214,9 @@ class Compensator(CellNode):
             raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
         return angles, found
 
-    def _answer(self, request: MultiDOFJointState) -> None:
+    def _answer(self, message: bytes) -> None:
         """Answers a request; of one that is refused only its status is published."""
+        request = deserialize_message(message, MultiDOFJointState)
         values: dict[str, object] = {'elbow': self.value('elbow')}
         try:
             place, force = self._of_request(request)
