@@ -1,14 +1,16 @@
 """A `.mcap` file, complete or cut off, read from its start by the library `mcap` down to its chunks.
 
 Of a file whose writer was killed, or whose end is lost, all is read up to there; of a damaged file everything but the
-damaged chunks, where the first one, which defines the topics, is whole. Chunk and file have checksums: damage that
-changes what is read becomes a warning. The messages of a chunk become arrays, without an object for each.
+damaged chunks, where the first one, which defines the topics, is whole. Chunk and file have checksums, and a complete
+file counts its messages: damage that changes what is read becomes a warning. The messages of a chunk become arrays,
+without an object for each.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +21,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -29,9 +31,9 @@ from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batc
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
 _ENTRY = 16
-"""Bytes of a schema or a channel that cost as much as a record."""
+"""Bytes of statistics, a schema or a channel that cost as much as a record."""
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_READ = (Opcode.HEADER, *_DEFINITIONS, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER)
+_READ = (Opcode.HEADER, *_DEFINITIONS, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.STATISTICS, Opcode.FOOTER)
 """Records that are read; the others, such as the index, are skipped."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
@@ -45,10 +47,20 @@ class McapFile(Source):
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
+        read, statistics = Counter[str](), list[Statistics]()
         with self.path.open('rb') as stream:
-            yield from self._batches(stream, wanted)
+            for batch in self._batches(stream, wanted, statistics):
+                read[batch.topic.name] += len(batch.start)
+                yield batch
+        counts = statistics[0].channel_message_counts if statistics and not self.warnings else {}
+        for topic in wanted if counts else ():
+            expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
+            if expected != read[topic]:
+                stated = f'its index states {expected} messages of {topic}, read were {read[topic]}'
+                self.warnings.append(f'{self.path.name}: {stated}')
 
-    def _batches(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
+    def _batches(self, stream: IO[bytes], wanted: Collection[str], statistics: list[Statistics]) -> Iterator[Batch]:
+        """The messages; appends what the file states of their number."""
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
         offset, ended = len(MAGIC), False
         reader = _Records(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self.path.stat().st_size)
@@ -67,6 +79,8 @@ class McapFile(Source):
                     yield from self._chunk(record, offset, wanted)
                 elif isinstance(record, (Schema, Channel)):
                     self._define([record])
+                elif isinstance(record, Statistics):
+                    statistics.append(record)
                 ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
@@ -124,7 +138,7 @@ class _Records(StreamReader):
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
             _check_definition(length)
-        self.budget.charge(0, 1 + length // _ENTRY if opcode in _DEFINITIONS else 1)
+        self.budget.charge(0, 1 + length // _ENTRY if opcode in (*_DEFINITIONS, Opcode.STATISTICS) else 1)
         return super()._read_record(opcode if opcode in _READ else 0, length)
 
 

@@ -2,11 +2,12 @@
 
 A bag is a sequence of records: a header of fields, `name=value`, and data; both, and each field, follow their length.
 Messages are inside of chunks, which may be compressed. Without checksums, damage shows where a record is no record,
-and by the number of chunks, which the bag states. What is read once is charged once.
+and by the numbers of chunks and messages, which the bag states. What is read once is charged once.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from io import BytesIO
@@ -16,7 +17,7 @@ from scara_kinetostatic.bags.cdr import ros2_types
 from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batch, Batches, Source, Topic, unpack
 from scara_kinetostatic.errors import RecordingError
 
-_MESSAGE, _BAG, _CHUNK, _CONNECTION = b'\2', b'\3', b'\5', b'\7'
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CONNECTION = b'\2', b'\3', b'\4', b'\5', b'\7'
 """Kinds of records, field `op`."""
 _HEADER = 64
 """Bytes of a header that cost a record."""
@@ -30,6 +31,7 @@ class Ros1File(Source):
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
         stated, chunks = 0, 0
+        expected, read = Counter[bytes](), Counter[Topic]()
         with self.path.open('rb') as stream:
             if stream.readline(20) != b'#ROSBAG V2.0\n':
                 raise RecordingError(self.path, 'expected a bag of version 2.0', 'convert it by `rosbag fix`')
@@ -37,15 +39,26 @@ class Ros1File(Source):
                 for fields, data in self._records(stream, self.path.stat().st_size):
                     if fields[b'op'] == _BAG:
                         stated = _number(fields[b'chunk_count'])
+                    elif fields[b'op'] == _INDEX:
+                        expected[fields[b'conn']] += _number(fields[b'count'])
                     elif fields[b'op'] == _CONNECTION:
                         self._connection(fields, data)
                     elif fields[b'op'] == _CHUNK:
                         chunks += 1
-                        yield from self._chunk(fields, data, wanted)
+                        for batch in self._chunk(fields, data, wanted):
+                            read[batch.topic] += len(batch.start)
+                            yield batch
             except _DAMAGE as error:
                 self.warnings.append(f'{self.path.name} is damaged ({error}): read up to there')
-        if chunks != stated and not self.warnings:
+        if self.warnings:
+            return
+        if chunks != stated:
             self.warnings.append(f'{self.path.name} states {stated} chunks, read were {chunks}: it was not closed')
+        for topic in (topic for topic in self.topics() if topic.name in wanted):
+            number = sum(expected[key] for key, known in self._topics.items() if known == topic)
+            if number != read[topic]:
+                stated_messages = f'its index states {number} messages of {topic.name}, read were {read[topic]}'
+                self.warnings.append(f'{self.path.name}: {stated_messages}')
 
     def _records(self, stream: IO[bytes], most: int) -> Iterator[tuple[_Fields, bytes]]:
         """Fields and data of each record up to the end; no part is longer than `most`."""

@@ -281,9 +281,12 @@ def write_streams(
         with_cell: whether the recording starts with the cell description; plain recordings do not.
 
     Raises:
-        OutputError: `path` exists or cannot be written; nothing is left behind.
+        OutputError: `path` exists, cannot be written, or is named as a recording of another form; nothing is left
+            behind.
     """
     path = Path(path)
+    if path.suffix in ('.bag', '.db3'):
+        raise OutputError(path, 'is written as MCAP alone', 'name a folder or .mcap; rosbags-convert makes other forms')
     if len(streams.joints.stamp) + len(streams.wrench.stamp) == 0:
         raise OutputError(path, 'nothing to record: both streams are empty', 'give streams with samples')
     topics = channels(cell)

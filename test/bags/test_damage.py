@@ -125,12 +125,20 @@ def reported(path: Path) -> str:
         return str(error)
 
 
-def test_records_that_make_no_sense_are_noticed_without_a_checksum(tmp_path, streams):
-    write_mcap(tmp_path / 'a.mcap', messages(streams), enable_crcs=False)
-    spoil(tmp_path / 'a.mcap', messages(streams)[100].payload, b'\xff' * 8, -30)
+@pytest.mark.parametrize('use_chunking', [True, False])
+def test_messages_lost_without_a_checksum_are_missed(tmp_path, streams, use_chunking):
+    """The third wrench becomes a record of a kind that nobody knows."""
+    write_mcap(tmp_path / 'a.mcap', messages(streams), enable_crcs=False, use_chunking=use_chunking)
+    spoil(tmp_path / 'a.mcap', messages(streams)[5].payload, b'\x85', -31)
     read = read_streams(tmp_path / 'a.mcap', CELL)
-    assert 500 < count(read) < 640
-    assert 'was skipped (invalid records)' in read.warnings[0]
+    assert count(read) == 639
+    (warning,) = read.warnings
+    assert 'its index states' in warning
+    if use_chunking:
+        spoil(tmp_path / 'a.mcap', messages(streams)[100].payload, b'\xff' * 8, -30)
+        read = read_streams(tmp_path / 'a.mcap', CELL)
+        assert 500 < count(read) < 639
+        assert 'was skipped (invalid records)' in read.warnings[0]
 
 
 def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path, streams):

@@ -70,6 +70,8 @@ def test_places_that_cannot_be_written(tmp_path, streams):
 def test_what_is_not_recorded(tmp_path, streams):
     with pytest.raises(OutputError, match='nothing to record'):
         write_streams(tmp_path / 'bag', make_streams(0, 0), CELL)
+    with pytest.raises(OutputError, match=r'a\.bag: is written as MCAP alone; .*rosbags-convert'):
+        write_streams(tmp_path / 'a.bag', streams, CELL)
     assert list(tmp_path.iterdir()) == []
 
 
