@@ -344,12 +344,14 @@ def advice(evidence: Evidence) -> str:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
     if largest.kind == UNDETECTED:
-        return 'record more touches, elsewhere, with other forces and both elbows: effects too small to be found dominate'
+        elsewhere = 'elsewhere, with other forces and both elbows'
+        return f'record more touches, {elsewhere}: effects too small to be found dominate'
     if largest.declared is None:
         return 'record more touches: noise dominates'
     every = largest._replace(label=f'{largest.kind}[{", ".join(item.target for item in items)}]')
     others = COVERAGE_FACTOR * math.hypot(*(item.tip for item in evidence.budget if item.kind != largest.kind))
-    return f'determine the {every.title} more accurately: without that error the tip is known there to {quantity(others, "m")} (k = 2)'
+    without = f'without that error the tip is known there to {quantity(others, "m")} (k = 2)'
+    return f'determine the {every.title} more accurately: {without}'
 
 
 def to_discriminate(d: Diagnosis) -> str:
@@ -401,7 +403,7 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     """What the result was judged without."""
     c = evidence.final
     if c.fixed:
-        yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
+        yield f'held at given values, exact but for what the cell declares: {", ".join(c.fixed)}'
     yield from kept(evidence)
     effects = c.cell.uncertainty.effects
     if effects.sizes is SizeMode.NONE:

@@ -520,6 +520,11 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candida
     ratio = round(part if origin is Origin.ARRAYS else cell.direction[0] * cell.direction[1] * part + cell.coupling, 4)
     statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
     where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
+    if abs(ratio - 1) < _Limits.least_coupling:
+        ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
+        action = 'set robot.coupling to 1'
+    if abs(ratio) < _Limits.least_coupling:
+        statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
     yield _Candidate(where, statement, action, mended), fit

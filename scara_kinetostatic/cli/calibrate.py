@@ -11,7 +11,7 @@ that it does not bias them. Writes into DIR
   report.html        the complete result as a page with figures
   residuals.csv      one row per touch: measured, predicted, residual
 
-An earlier result in DIR is kept under the date of its calibration, such as
+An earlier result in DIR is kept under the date of its file, such as
 calibration_2026-11-21T14-03-22Z.json.
 
 A recording is a rosbag2 folder (MCAP or SQLite, compressed or not), a bare

@@ -113,10 +113,20 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
         with _hidden_folder(folder, 'results') as hidden:
             for name, text in texts.items():
                 _write(hidden / name, text)
-            moves = [(folder / name, folder / second) for name, second in kept.items()]
-            moves += [(hidden / name, folder / name) for name in texts]
+            for name, second in kept.items():
+                try:
+                    os.link(folder / name, hidden / second)
+                except OSError:  # not on every disk
+                    shutil.copy2(folder / name, hidden / second)
+
+            def put() -> None:
+                for name in (*kept.values(), *texts):
+                    (hidden / name).replace(folder / name)
+                for name in kept.keys() - texts.keys():
+                    (folder / name).unlink()
+
             with ThreadPoolExecutor(1) as thread:  # Ctrl-C comes to the main thread alone, which waits for this one
-                thread.submit(lambda: [draft.replace(place) for draft, place in moves]).result()
+                thread.submit(put).result()
             sync_folder(folder)
 
 

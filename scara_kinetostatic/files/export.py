@@ -26,10 +26,11 @@ from scara_kinetostatic.files.corrected_urdf import corrected_origins, with_orig
 from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, render, xacro
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
-from scara_kinetostatic.model.kinematics import inverse, wrap
+from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 MOST_ROWS = 1_000_000
@@ -45,7 +46,8 @@ def correction_file(
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
     each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
-    direction without one. Places out of reach of either arm, or beyond robot.limits, are left out.
+    direction without one. Places out of reach of either arm, or beyond robot.limits, are left out. The head states the
+    error of the tip halfway between places, by bilinear interpolation.
 
     Args:
         arm: the calibrated arm.
@@ -60,28 +62,33 @@ def correction_file(
     """
     low, high = arm.used.lowest_force, arm.used.highest_force
     sizes = tuple(dict.fromkeys(forces)) or (0.0, float(f'{(low + high) / 2:.2g}'))
-    vectors, places = _forces(sizes), _grid(arm, step)
+    vectors, (cells, places) = _forces(sizes), _grid(arm, step)
     if (count := len(places) * len(vectors) * len(arm.used.postures)) > MOST_ROWS:
         problem = f'{step:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
         raise ParameterError('--step', problem, 'give more, choose fewer forces, or bound the region of the cell')
-    columns = _corrections(arm, places, vectors)
+    change, columns = _corrections(arm, places, vectors)
     if not columns['x_m']:
         problem = 'no place of the grid can be reached under these forces, within robot.limits'
         raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
+    between = _in_words(_errors_between(arm, cells, places + step / 2, vectors, change))
     lines = [
         *(f'# {line}' for line in head),
         '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
-        f'# Places {step:g} m apart; corrections between them are not linear, least so near a stretched',
-        '# or folded arm and where a backlash changes sides.',
+        f'# Places {step:g} m apart; {between}.',
     ]
     beyond = [f'{size:g}' for size in sizes if size > high or 0 < size < low]
     touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
     notes = [f'{", ".join(beyond)} N is outside of {touched}: extrapolated'] if beyond else []
+    notes.insert(0, f'places {step:g} m apart; {between}')
     return '\n'.join([*lines, csv_lines(columns)]), notes
 
 
-def _corrections(arm: CalibratedArm, places: Floats, forces: Floats) -> dict[str, list[str]]:
-    """The columns of the table, for each posture, place and force that both arms reach within the limits."""
+def _corrections(arm: CalibratedArm, places: Floats, forces: Floats) -> tuple[Floats, dict[str, list[str]]]:
+    """What to add to the nominal joint angles for s postures, p places and f forces, and the columns of the table.
+
+    Returns:
+        (s, p, f, 2), rad; NaN where one of the arms does not reach, or not within its limits: there is no such row.
+    """
     cell, predictor, postures = arm.cell, Predictor(arm), arm.used.postures
     shape = len(postures), len(places), len(forces), 2
     sides = np.repeat(postures, len(places) * len(forces))
@@ -95,7 +102,8 @@ def _corrections(arm: CalibratedArm, places: Floats, forces: Floats) -> dict[str
     numbers = (*tip.T, *force.T, elbows, *nominal.T, *cell.readings(change).T, miss, found.std_normal, found.status)
     heading = 'x_m y_m fx_N fy_N elbow q1_nominal_rad q2_nominal_rad dq1_rad dq2_rad miss_m std_normal_m status'
     kept = cell.can_take(found.joints) & np.isfinite(change).all(axis=1)
-    return {name: _texts(column[kept]) for name, column in zip(heading.split(), numbers, strict=True)}
+    columns = {name: _texts(column[kept]) for name, column in zip(heading.split(), numbers, strict=True)}
+    return np.where(kept[:, None], change, np.nan).reshape(shape), columns
 
 
 def _texts(column: NDArray[Any]) -> list[str]:
@@ -105,15 +113,40 @@ def _texts(column: NDArray[Any]) -> list[str]:
     return [f'{value:.10g}' if isfinite(value) else '' for value in column.tolist()]
 
 
-def _grid(arm: CalibratedArm, step: float) -> Floats:
-    """Places of a grid through the base, within reach of the nominal arm and in the region, (n, 2), m."""
+def _errors_between(arm: CalibratedArm, cells: Indices, middle: Floats, forces: Floats, change: Floats) -> Floats:
+    """How far interpolated corrections miss the tip in the middles between four places, (k,), m."""
+    x, y = (cells - cells.min(axis=0)).T
+    number = np.full((x.max() + 2, y.max() + 2), -1)
+    number[x, y] = np.arange(len(cells))
+    square = np.stack([number[x, y], number[x + 1, y], number[x, y + 1], number[x + 1, y + 1]], axis=-1)
+    whole = (square >= 0).all(axis=1)
+    rigid = np.stack([inverse(arm.cell.nominal, middle[whole], side) for side in arm.used.postures])
+    joints = rigid[:, :, None] + change[:, square[whole]].mean(axis=2)
+    known = np.isfinite(joints).all(axis=-1)
+    tip, force = (np.broadcast_to(part, joints.shape)[known] for part in (middle[whole][:, None], forces))
+    errors = np.linalg.norm(Predictor(arm).locate(joints[known], force).position - tip, axis=1)
+    return np.asarray(errors[np.isfinite(errors)])
+
+
+def _in_words(errors: Floats) -> str:
+    if not len(errors):
+        return 'the places are too far apart to interpolate between them'
+    largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
+    rest = f'by up to {largest} mm where the arm is nearly stretched or folded or a backlash changes sides'
+    most = f'by less than {most} mm in 95 % of the middles, {rest}'
+    return f'halfway between places, bilinear interpolation of dq misses the tip {most}'
+
+
+def _grid(arm: CalibratedArm, step: float) -> tuple[Indices, Floats]:
+    """A grid through the base, within reach of the nominal arm and in the region: (n, 2) in steps, and (n, 2), m."""
     p = arm.cell.nominal
     longest = NEARLY_STRETCHED * (p.l1 + p.l2)
     shortest = abs(p.l1 - p.l2) + (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
-    line = step * np.arange(-int(longest / step), int(longest / step) + 1)
-    away = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    places, distance = np.array([p.x0, p.y0]) + away, np.hypot(*away.T)
-    return places[arm.cell.region.holds(places) & (distance <= longest) & (distance >= shortest)]
+    line = np.arange(-int(longest / step), int(longest / step) + 1)
+    cells = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    places, distance = np.array([p.x0, p.y0]) + step * cells, step * np.hypot(*cells.T)
+    kept = arm.cell.region.holds(places) & (distance <= longest) & (distance >= shortest)
+    return cells[kept], places[kept]
 
 
 def _forces(magnitudes: Sequence[float]) -> Floats:
@@ -139,7 +172,18 @@ def _left_out(arm: CalibratedArm, kind: str) -> str:
     """What a format cannot hold of the model; a correction table holds all of it, a header gravity besides."""
     gravity = ['deflection by gravity'] * (arm.model.parameters.has_gravity and kind != 'header')
     undetected = ['effects not detected'] * any(effect.is_undetected for effect in arm.model.acting.effects)
-    return '' if kind == 'csv' else ', '.join((*_robot_effects(arm), *gravity, *undetected))
+    left_out = '' if kind == 'csv' else ', '.join((*_robot_effects(arm), *gravity, *undetected))
+    miss = rigid_miss(arm) if left_out and kind != 'header' else 0.0
+    return left_out + (f', up to {1e3 * miss:.3g} mm at the unloaded tip' if miss else '')
+
+
+def rigid_miss(arm: CalibratedArm) -> float:
+    """Largest displacement of the unloaded tip by effects that act on the robot, over joint angles within limits, m."""
+    angles = (np.linspace(low, high, 24) for low, high in arm.cell.limits or [(-np.pi, np.pi)] * 2)
+    joints = np.stack(np.meshgrid(*angles), axis=-1).reshape(-1, 2)
+    tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper_sign)
+    largest = float(np.nanmax(np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)))
+    return largest if largest > 1e-9 else 0.0  # rounding alone
 
 
 def _head(arm: CalibratedArm, kind: str, source: str, content: str) -> list[str]:

@@ -573,7 +573,8 @@ class Cell:
                 raise ParameterError(name, f'expected a number above 0, got {value}', 'or leave it out')
         for outline in (disc for disc in self.discs if isinstance(disc, Outline)):
             if self.tip_radius is None:
-                raise ParameterError('tip', f'its radius is needed for the outline of {outline.name!r}', 'add tip: {radius: 0.005}, m')
+                missing = f'its radius is needed for the outline of {outline.name!r}'
+                raise ParameterError('tip', missing, 'add tip: {radius: 0.005}, m')
             if (problem := outline_problem(outline, self.tip_radius)) is not None:
                 raise ParameterError(outline.name, *problem)
         if self.noise is not None:

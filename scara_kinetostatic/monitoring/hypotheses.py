@@ -26,7 +26,17 @@ _PARTS = {
 }
 _TITLES = {
     **{part: title for part, (_, title) in _PARTS.items()},
-    **{name: f'the {DESCRIPTIONS[name].partition(",")[0]} changed' for name in NAMES},
+    'x0': 'the base moved along x',
+    'y0': 'the base moved along y',
+    'theta1': 'the zero of joint 1 changed, or the base turned',
+    'theta2': 'the zero of joint 2 changed',
+    'l1': 'link 1 changed its length',
+    'l2': 'link 2 or the tool changed its length',
+    **{name: f'the {DESCRIPTIONS[name].partition(",")[0]} changed' for name in NAMES[6:]},
+    'object_position': '{} moved',
+    'object_radius': 'the radius of {} changed',
+    'plate_position': 'plate {} moved',
+    'plate_angle': 'plate {} turned',
     'radius': 'the radius of the tip changed, as by wear',
     'force_gain': 'the gain of the force sensor changed',
     'force_rotation': 'the force sensor turned',
@@ -76,10 +86,12 @@ class Hypothesis(NamedTuple):
 
 
 def change_title(name: str) -> str:
-    """A change in words: ``the object position of disc_1 changed`` for ``object_position[disc_1]``."""
+    """A change in words: ``disc_1 moved`` for ``object_position[disc_1]``."""
+    if name in _TITLES:
+        return _TITLES[name]
     kind, _, target = name.partition('[')
-    words = ' of '.join(filter(None, (kind.replace('_', ' '), target.rstrip(']'))))
-    return _TITLES.get(name, f'the {words} changed')
+    words = f'the {kind.replace("_", " ")}{" of {}" * bool(target)} changed'
+    return _TITLES.get(kind, words).format(target.rstrip(']'))
 
 
 def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[Hypothesis, ...]:

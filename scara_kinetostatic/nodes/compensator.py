@@ -111,8 +111,10 @@ class Compensator(CellNode):
             self._forces.clear()
 
     def spin(self, executor: Executor) -> None:
-        """Looks for joint states again and again while they come, and for requests: a round of the executor, for all else,
-        takes as long as a sample."""
+        """Looks for joint states again and again while they come, and for requests.
+
+        A round of the executor, for all else, takes as long as a sample.
+        """
         stands = self._joints is None or monotonic() - self._joints[2] > 0.5
         executor.spin_once(timeout_sec=0.2 if stands else 0)
         for _ in range(0 if stands else 40):

@@ -194,10 +194,11 @@ def _out_of_reach(robot: Robot, tip: Floats, accuracy: float, very_many: Predict
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if robot.cell.tolerance == 2 * accuracy else ''
     return UnsupportedDataError(
-        f'an accuracy of {quantity(accuracy, "m")}{half} is out of reach: {MOST_TOUCHES} touches leave '
+        f'an accuracy of {quantity(accuracy, "m")}{half} is out of reach: {MOST_TOUCHES} even touches leave '
         f'{quantity(lowest, "m")}, {kind} alone {quantity(part, "m")} of it as the cell declares it',
         f'ask for {quantity(enough, "m")} (--accuracy {np.format_float_positional(enough)}), or reduce '
-        'that uncertainty: more touches do not',
+        'that uncertainty: more touches do not; without that of a plate under all objects the accuracy is that on the '
+        'plate',
     )
 
 

@@ -58,8 +58,8 @@ class WrittenFiles(NamedTuple):
 def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) -> WrittenFiles:
     """Write `calibration.yaml`, `calibration.json`, `report.html` and `residuals.csv` into a folder.
 
-    All files are written to a hidden folder inside first and then renamed. If that fails, by Ctrl-C for one, the folder
-    is as before.
+    All files are written to a hidden folder inside first and then renamed. If writing fails, by Ctrl-C for one, the
+    folder is as before; Ctrl-C waits while they are renamed.
 
     Args:
         outcome: the result.

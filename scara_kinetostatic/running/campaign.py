@@ -134,7 +134,7 @@ class Campaign:
         self.touches: list[TouchSet] = []
         self._given_up: tuple[tuple[int, float, int], ...] = ()
         self._job: Future[Any] | None = None
-        self._is_due = False
+        self._is_due = self._waits = False
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
         self._start, self._past = 0, list[tuple[int, float]]()
 
@@ -190,7 +190,8 @@ class Campaign:
                 again = [target for target in self._targets if target.attempts]
                 self._targets = again + _targets(self.knowledge.planned)
             end = self._enough()
-            if end is not None:
+            self._waits = self._is_due and end is not None and end.is_reached
+            if end is not None and not self._waits:
                 return end
             if self._is_due:
                 self._order()
@@ -237,8 +238,8 @@ class Campaign:
             joints: where the robot stands, (2,), rad.
             interrupted: the touch to make, where there is one.
         """
-        if self.accepted >= self._most:
-            return None  # the last calibration is being made
+        if self.accepted >= self._most or (self._waits and self._job is not None):
+            return None  # the last calibration is being made, or one of a touch more than those that were enough
         if interrupted is not None:
             self._targets.insert(0, interrupted)
         if not self._targets:

@@ -293,8 +293,8 @@ class Trajectory(Motion):
         lost = np.flatnonzero(~(np.isfinite(poses).all(axis=1) & is_near))
         if len(lost):
             name = self.cell.discs[self.plan.disc[lost[0]]].name
-            problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}'
-            remedy = 'leave the touch out, move the disc, or simulate a robot closer to the nominal one'
+            problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}, or does not settle'
+            remedy = 'leave the touch out, move the disc, or simulate smaller effects or offsets'
             raise UnsupportedDataError(problem, remedy)
 
     def _agree(self) -> None:

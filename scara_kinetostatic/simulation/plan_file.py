@@ -148,7 +148,11 @@ def _outline(entry: Section, cell: Cell) -> Outline | Circle:
         if given not in discs:
             raise entry.error('slide', f'the cell has no disc {given!r}', did_you_mean(given, discs, 'its discs are'))
         disc = discs[given]
-        return disc if isinstance(disc, Outline) else Circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
+        if isinstance(disc, Outline):
+            return disc
+        if (radius := disc.radius - (cell.tip_radius or 0.0)) <= 0:
+            raise entry.error('slide', f'{given!r} is smaller than the tip', 'correct its radius, or tip.radius')
+        return Circle((disc.x, disc.y), radius)
     if not (isinstance(given, dict) and 'outline' in given):
         shape = entry.section('slide', ('center', 'radius'))
         return Circle(_pair(shape, 'center'), shape.number('radius', within=_RADIUS))

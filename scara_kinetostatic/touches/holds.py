@@ -163,7 +163,8 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     if len(found) == 1 and found[0].duration > s.shortest_named:
         return [], _too_short(found[0].duration)
     if (part := float(at_rest[span].mean())) < float(steady[span].mean()):
-        return [], Defect('unsteady', f'the joints do not rest: they do during only {int(100 * part)} % of the contact')
+        resting = f'they do during only {int(100 * part)} % of the contact, as in a slide'
+        return [], Defect('unsteady', f'the joints do not rest: {resting}')
     part = float(steady[span].mean())
     return [], Defect('unsteady', f'no steady force: it is steady during only {int(100 * part)} % of the contact')
 

@@ -122,7 +122,7 @@ def test_a_mistake_of_the_touches_is_named(touches, robot, statement):
         raise mistake.error('touches.csv')
 
 
-@pytest.mark.parametrize(('robot', 'part', 'stated'), [('short', -0.35, 0.0), ('paper', 0.0, 0.1), ('short', 1.0, 0.0)])
+@pytest.mark.parametrize(('robot', 'part', 'stated'), [('short', -0.35, 0.0), ('paper', 0.3, 0.1)])
 def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, stated):
     cell, right = replace(ROBOTS[robot][0], coupling=stated), touches[robot]
     reported = replace(cell, coupling=part).readings(right.joints)
@@ -145,6 +145,18 @@ def test_a_direction_of_the_joints_is_named(touches, stated, true):
     mistake = find_mistake(given, cell, origin=Origin.RECORDING)
     assert (mistake.where, mistake.in_cell) == ('robot.direction', True)
     assert mistake.action == f'set robot.direction to {list(true)}'
+
+
+def test_joint_2_measured_from_the_base_is_named(touches):
+    given = touches['short'].replace(joints=np.cumsum(touches['short'].joints, axis=1))
+    assert find_mistake(given, SHORT).statement == 'joint 2 is measured from the base, not from link 1'
+
+
+def test_a_coupling_where_there_is_none_is_to_be_left_out(touches):
+    cell, right = replace(PAPER_CELL, coupling=0.1), touches['paper']
+    mistake = find_mistake(right.replace(joints=cell.angles(right.joints)), cell, origin=Origin.RECORDING)
+    assert (mistake.where, mistake.action) == ('robot.coupling', 'leave out robot.coupling')
+    assert mistake.statement == 'the reading of joint 2 does not contain that of joint 1'
 
 
 @pytest.mark.parametrize(('robot', 'length'), [('paper', 3e-3), ('short', 1e-2)])

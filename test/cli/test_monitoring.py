@@ -37,7 +37,7 @@ def test_verify_a_changed_robot(run, recordings, results):
     Path('changed.json').write_text(json.dumps(document))
     strict = run('verify', recordings / 'plain', '--calibration', 'changed.json', '--strict')
     assert strict.status == 3 and strict.err.count('\n') == 1
-    assert 'Not fit for use' in strict.out and 'the length of link 1 changed' in strict.out
+    assert 'Not fit for use' in strict.out and 'link 1 changed its length' in strict.out
     written = json.loads(Path('verification/verification.json').read_text())
     assert written['part']['name'] == 'l1'
     assert written['touches']['outlying'] == []  # what disagrees is explained by the part

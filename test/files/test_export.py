@@ -23,7 +23,7 @@ from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign, Plane, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
@@ -191,8 +191,28 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedA
 
 
 def test_forces_beyond_those_of_the_touches_are_said(arm: CalibratedArm) -> None:
-    (note,) = exported(arm, 'csv', 'a.json', step=0.2, forces=(500.0,))[1]
+    _, note = exported(arm, 'csv', 'a.json', step=0.2, forces=(500.0,))[1]
     assert note.startswith('500 N is outside of the forces of the calibration')
+
+
+def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: CalibratedArm) -> None:
+    text, (note,) = exported(arm, 'csv', 'a.json', step=0.1, forces=(20.0,))
+    rows = [row for row in rows_of(text) if row['elbow'] == 'left']
+    places = map(tuple, columns(rows, 'x_m', 'y_m', 'fx_N', 'fy_N').round(6).tolist())
+    found = dict(zip(places, columns(rows, 'dq1_rad', 'dq2_rad'), strict=True))
+    errors = []
+    for x, y, *force in found:
+        square = [(x, y), (round(x + 0.1, 6), y), (x, round(y + 0.1, 6)), (round(x + 0.1, 6), round(y + 0.1, 6))]
+        changes = [found.get((*corner, *force)) for corner in square]
+        if all(change is not None for change in changes):
+            middle = np.array([[x + 0.05, y + 0.05]])
+            joints = inverse(arm.cell.nominal, middle, 1) + np.mean(changes, axis=0)
+            tip = Predictor(arm).locate(joints, np.array([force])).position
+            errors.append(float(np.linalg.norm(tip - middle)))
+    assert len(errors) > 100
+    stated, _ = note.split(' mm where the arm')
+    assert 1e-3 * float(stated.rsplit(' ', 1)[1]) >= 0.99 * max(errors) > 1e-5
+    assert f'# P{note[1:]}.' in text
 
 
 def test_a_region_bounds_a_correction_table(arm: CalibratedArm) -> None:
@@ -207,13 +227,15 @@ def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> Non
     with pytest.raises(UnsupportedDataError, match=r'encoder_gain\[joint1\]'):
         text_of(other, 'header')
     text, notes = exported(other, 'urdf', 'a.json')
-    assert notes == ['it cannot hold encoder_gain[joint1]; `locate` does']
-    assert 'Not contained: encoder_gain[joint1].' in text
+    # a gain of 1e-3 turns joint 1 by π mrad at ±π, the tip l1 + l2 from its axis
+    assert notes == ['it cannot hold encoder_gain[joint1], up to 2.07 mm at the unloaded tip; `locate` does']
+    assert 'Not contained: encoder_gain[joint1], up to 2.07 mm at the unloaded tip.' in text
     table, notes = exported(other, 'csv', 'a.json', step=0.2)
-    assert notes == [] and 'found: encoder_gain[joint1].' in table and 'Not contained' not in table
+    assert len(notes) == 1 and 'found: encoder_gain[joint1].' in table and 'Not contained' not in table
     assert exported(arm, 'urdf', 'a.json')[1] == []
     heavy = arm_of(WEIGHT | {'gravity': (0.0, -9.81)})
-    assert exported(heavy, 'dh', 'a.json')[1] == ['it cannot hold deflection by gravity; `locate` does']
+    (note,) = exported(heavy, 'dh', 'a.json')[1]
+    assert note.startswith('it cannot hold deflection by gravity, up to ')
     assert exported(heavy, 'header', 'a.json')[1] == []
 
 

@@ -207,7 +207,7 @@ def test_open_edges_that_cross_are_refused_and_those_that_meet_are_not():
 
 
 def test_without_a_tip_an_outline_is_refused():
-    with pytest.raises(CellError, match="tip_radius: is needed for the outline of 'block'"):
+    with pytest.raises(CellError, match="tip: its radius is needed for the outline of 'block'"):
         parse_cell(CELL.format(BLOCK).replace('tip: {radius: 0.005}\n', ''))
 
 

@@ -82,7 +82,7 @@ def test_small_steps_add_up(plain: Outcome, tmp_path: Path) -> None:
     assert trend.changed == [] and trend.has_crept
     assert trend.slow is not None and trend.slow.causes.ranking[0].name == 'theta2' and trend.since == 1
     said = as_text(history_report([trend])).replace('\n', ' ')
-    assert 'From number 1 to number 4: Changed' in said and 'the offset of joint 2 changed' in said
+    assert 'From number 1 to number 4: Changed' in said and 'the zero of joint 2 changed' in said
     assert history_report([trend]).answer.level == 'caution'
     history.add([later(plain, f'2026-1{k}-01T00:00:00Z', theta2=5e-4) for k in range(3)])
     (trend,) = trends_of(history.entries())
@@ -157,7 +157,7 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     added = run('history', 'add', 'h.sqlite', '1.json', '2.json', '3.json', '--robot', 'left')
     assert added.status == 0 and added.out.count('added') == 3
     page = run('history', 'page', 'h.sqlite', '--out', 'trend')
-    assert page.status == 0 and 'the offset of joint 2 changed' in page.out
+    assert page.status == 0 and 'the zero of joint 2 changed' in page.out
     text = (tmp_path / 'trend' / 'history.html').read_text()
     assert text.count('<svg') == 1 and 'class="verdict caution"' in text and 'days since the first' in text
     lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite 1'

@@ -100,7 +100,7 @@ def test_names_and_units() -> None:
     touched = {h.name for h in hypotheses_of(state, [1])}
     gone = {f'object_{what}[disc_{k}]' for what in ('position', 'radius') for k in (1, 3)}
     assert everything.keys() - touched == gone | {'plate_position[a]', 'plate_angle[a]'}
-    assert change_title('object_position[disc_2]') == 'the object position of disc_2 changed'
+    assert change_title('object_position[disc_2]') == 'disc_2 moved'
     assert change_title('encoder_gain[joint1]') == 'the encoder gain of joint1 changed'
 
 

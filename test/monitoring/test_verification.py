@@ -90,9 +90,9 @@ SEVERAL = moved(l1=1e-3, theta2=2e-3, p1=TRUTH.p1)
 @pytest.mark.parametrize(
     ('which', 'grade', 'said'),
     [
-        ({'truth': moved(theta2=1e-4)}, Grade.UNFIT, 'most likely the offset of joint 2 changed'),
-        ({'truth': moved(theta2=1e-4), 'tolerance': 2e-4}, Grade.CAUTION, 'most likely the offset of joint 2 changed'),
-        ({'truth': moved(l1=1e-3)}, Grade.UNFIT, 'most likely the length of link 1 changed'),
+        ({'truth': moved(theta2=1e-4)}, Grade.UNFIT, 'most likely the zero of joint 2 changed'),
+        ({'truth': moved(theta2=1e-4), 'tolerance': 2e-4}, Grade.CAUTION, 'most likely the zero of joint 2 changed'),
+        ({'truth': moved(l1=1e-3)}, Grade.UNFIT, 'most likely link 1 changed its length'),
         ({'truth': moved(x0=3e-3)}, Grade.UNFIT, 'most likely the base'),  # the rest is the error of linearisation
         ({'truth': moved(theta2=1e-2)}, Grade.UNFIT, 'most likely the '),
         ({'truth': SEVERAL}, Grade.UNFIT, 'no single part explains it'),

@@ -81,7 +81,7 @@ def test_a_change_is_raised_and_reset(watching, calibration, monkeypatch):
     changed = touches_of(CELL, 2, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(10))
     feed(node, changed, '/tuesday')
     condition = node._report()
-    assert condition.level == ERROR and 'the length of link 1 changed' in condition.message
+    assert condition.level == ERROR and 'link 1 changed its length' in condition.message
     assert condition.values['changed'] == 'l1'
     assert re.search('since touch [0-3] of tuesday', condition.message)
     assert node._report().values['rejected touches in a row'] == '0'
@@ -93,7 +93,7 @@ def test_a_change_is_raised_and_reset(watching, calibration, monkeypatch):
     later = touches_of(CELL, 4, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(2))
     feed(node, later, '/wednesday')
     (line,) = said  # the corrected name, once
-    assert 'the length of link 1 changed' in line
+    assert 'link 1 changed its length' in line
     assert node._reset() == 'touches count anew from here'
     assert node._report().values['touches'] == '0'
 

@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scara_kinetostatic.studies.loops.dial_gauge import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeAnalysis, analyse_runs
+from scara_kinetostatic.studies.loops.dial_gauge import (
+    GRIPPER,
+    JOINT1,
+    JOINT2,
+    TIP,
+    DialGaugeAnalysis,
+    Readings,
+    analyse_runs,
+)
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
 BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)
@@ -43,12 +51,32 @@ def test_only_the_backlash_depends_on_the_direction(analyses):
     assert np.mean([bool(warnings) for _, warnings in analyses]) <= 0.1
 
 
-def test_at_the_tip_it_is_said_what_the_numbers_include():
-    run = BENCH.run(np.random.default_rng(0), JOINT2)
-    gripper = BENCH.p_ee * run.force + BENCH.gripper_gap(0.0) / 2 * load_cycles()[1]
-    parts, warnings = analyse_runs([replace(run, displacement=run.displacement + gripper, gauge_at=TIP)])
-    assert parts[JOINT2].compliance.value == pytest.approx(BENCH.p[1] + BENCH.p_ee / 0.33**2, rel=0.01)
-    assert any('include those of the gripper' in warning for warning in warnings)
+def joint_at_the_tip(seed: int) -> Readings:
+    """Joint and gripper in series."""
+    run = BENCH.run(np.random.default_rng(seed), JOINT2)
+    _, sense, _ = load_cycles()
+    gripper = BENCH.p_ee * run.force + BENCH.gripper_gap(0.0) / 2 * sense
+    return replace(run, displacement=run.displacement + gripper, gauge_at=TIP)
+
+
+def test_at_the_tip_the_gripper_along_the_same_direction_is_subtracted():
+    z = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed + 1000)
+        gripper = [BENCH.run(rng, GRIPPER, direction) for direction in (np.pi / 2, np.pi)]
+        part = analyse_runs([*gripper, joint_at_the_tip(seed)])[0][JOINT2]
+        pairs = zip((part.compliance, part.gap), (BENCH.p[1], BENCH.gap[1]), strict=True)
+        z.append([(found.value - true) / found.std for found, true in pairs])
+    assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([1, 1], abs=0.6)
+    assert np.abs(z).max() < 4.5
+
+
+def test_at_the_tip_without_the_gripper_it_is_said_what_the_numbers_include():
+    across = BENCH.run(np.random.default_rng(0), GRIPPER, np.pi / 2)
+    for readings in ([joint_at_the_tip(0)], [across, joint_at_the_tip(0)]):
+        parts, warnings = analyse_runs(readings)
+        assert parts[JOINT2].compliance.value == pytest.approx(BENCH.p[1] + BENCH.p_ee / 0.33**2, rel=0.01)
+        assert any('include those of the gripper' in warning for warning in warnings)
 
 
 ONE = BENCH.run(np.random.default_rng(7), GRIPPER)

@@ -29,7 +29,8 @@ a joint with lever l, torque F l and Δq = ΔS / l:
 
     p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
 
-A gauge at the end-effector measures joint and gripper in series; both dead zones add, and the result says so.
+A gauge at the end-effector measures joint and gripper in series; both dead zones add. Where the gripper was measured
+along the same direction in the same experiment, its displacement is subtracted, and its variance added.
 
 **Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
 (6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
@@ -528,7 +529,8 @@ def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
     """
     fits = [(each, fit_run(each)) for each in readings]
     level = LEVEL / sum(len(fit.checks) + 2 for _, fit in fits)
-    runs = [_run(each, fit, level) for each, fit in fits]
+    grippers = [(each, fit) for each, fit in fits if each.part == GRIPPER]
+    runs = [_run(each, fit, grippers, level) for each, fit in fits]
     by_part = {name: tuple(run for run in runs if run.readings.part == name) for name in PARTS}
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
@@ -539,13 +541,23 @@ def analyse_runs(readings: Sequence[Readings]) -> DialGaugeAnalysis:
     return DialGaugeAnalysis(parts, tuple(warnings))
 
 
-def _run(readings: Readings, fit: RunFit, level: float) -> Run:
-    """What a run says of its part; checks fail below a level."""
+def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
+    """What a run says of its part; checks fail below a level.
+
+    A joint's run is without the gripper's contribution where the gauge was at the tip and the gripper was measured
+    along the same direction, within 0.5°.
+    """
     compliance, gap, note = fit.compliance, fit.gap, ''
+    if readings.part != GRIPPER and readings.gauge_at == TIP:
+        turns = [(each.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each, _ in grippers]
+        there = [own for (_, own), turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
+        note = 'the gauge was at the tip: compliance and gap include those of the gripper'
+        if there:
+            one, other = mean([own.compliance for own in there]), mean([own.gap for own in there])
+            compliance, gap = compliance.plus(-one.value, one.std), gap.plus(-other.value, other.std)
+            note = 'the gripper along this direction was subtracted'
     if readings.part != GRIPPER:
         compliance, gap = compliance.over(readings.lever**2, 'rad/Nm'), gap.over(readings.lever, 'rad')
-        if readings.gauge_at == TIP:
-            note = 'the gauge was at the tip: compliance and gap include those of the gripper'
     failed = tuple(check for check in fit.checks if check.p_value < level)
     outliers = tuple(np.flatnonzero(fit.row_p < level / fit.used.sum()).tolist())
     return Run(readings, fit, compliance, gap, failed, outliers, note)
