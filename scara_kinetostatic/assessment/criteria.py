@@ -21,13 +21,15 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, tip_covariance
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
+from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
 _RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
@@ -269,14 +271,30 @@ def alike(evidence: Evidence) -> Iterator[Remark]:
 
 def places(evidence: Evidence) -> Iterator[Remark]:
     """Touches that cover a small part of the workspace."""
-    tip = evidence.tip_uncertainty
-    if tip.at is not None and not tip.worst <= Limits.extrapolation * tip.median_touched:
-        reason = f'the touches cover a small part of the {evidence.final.cell.region.title}: at {tip.at.title} the tip '
+    c = evidence.final
+    if any(set(group) & set(NAMES[:GEOMETRY]) for group in c.identifiability.confounded):
+        return
+    # all round the base, the elbow neither nearly stretched nor nearly folded
+    angles = np.linspace(-np.pi, np.pi, 12, endpoint=False), np.deg2rad(np.linspace(20.0, 160.0, 8))
+    first, second = (axis.ravel() for axis in np.meshgrid(*angles, indexing='ij'))
+    postures = np.unique(c.touches.posture[c.used])
+    joints = np.concatenate([np.stack([first, posture * second], axis=-1) for posture in postures])
+    joints = joints[c.cell.region.holds(forward(c.parameters, joints)) & c.cell.can_take(joints)]
+    touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
+    worst = int(np.argmax(std)) if len(std) else -1
+    if touched > 0 and worst >= 0 and std[worst] > Limits.extrapolation * touched:
+        x, y = forward(c.parameters, joints[worst])
+        sizes = f'{quantity(float(std[worst]), "m")} (1 σ), at the touches by {quantity(touched, "m")}'
+        reason = f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m'
         action = 'use it near the touches, or touch objects that are farther apart'
-        known = np.isfinite(tip.median_touched)
-        than = 'far more than between the touches' if known else 'and no place is between the touches'
-        worst = f'is uncertain by {quantity(tip.worst, "m")} (k = 2), {than}'
-        yield Remark(Grade.CAUTION, f'{reason}{worst}', action)
+        yield Remark(Grade.CAUTION, f'{reason} the tip is uncertain by {sizes}', action)
+
+
+def _tip_std(c: Calibration, joints: Floats) -> Floats:
+    """Standard uncertainty of the unloaded tip H(L̄, Q) in the direction where it is largest, (n,), m."""
+    derivative = forward_by_parameters(c.parameters, joints)[..., :GEOMETRY]
+    covariance = tip_covariance(derivative, c.covariance[:GEOMETRY, :GEOMETRY])
+    return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
 
 
 def conformity(evidence: Evidence) -> Iterator[Remark]:

@@ -143,8 +143,8 @@ class Limits:
     """Largest over smallest force of the touches below which other forces are an extrapolation: caution. Source: p_ee
     and g_ee need two levels; at 1.5 their columns are still nearly proportional.
     """
-    extrapolation: float = 7.0
-    """Largest expanded uncertainty of the tip in the workspace, in its median between the touches, above which the
-    touches cover too small a part of it: caution. Source: one disc of
-    5 cm with trusted nominal values gives 7.3 or more, three discs in an even plan 1.7.
+    extrapolation: float = 10.0
+    """Largest standard uncertainty of the unloaded tip in the workspace, in the median of those at the touches, above
+    which the touches cover too small a part of it: caution. Source: one order of magnitude; three discs in an even plan
+    give 3.
     """
