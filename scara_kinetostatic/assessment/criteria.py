@@ -2,7 +2,7 @@
 
 What the model lacks; whether the touches check the result; whether the parameters have values, and such as a robot can
 have; where the result is an extrapolation; whether the uncertainty of the tip is small enough for the use that the cell
-description states, and what would help.
+description states, and what dominates it.
 """
 
 from __future__ import annotations

@@ -154,7 +154,7 @@ class Table:
     def _missing(self, column: Column, heading: str | None, columns: Sequence[Column]) -> RecordingError:
         if heading is not None:
             problem = f'the column {heading!r} has none of the units of {column.words[0]}'
-            return RecordingError(self.source, problem, f'convert it to {" or ".join(column.headings)}')
+            return RecordingError(self.source, problem, f'convert or rename it to {" or ".join(column.headings)}')
         got = ', '.join(filter(None, self.heading))[:200]
         names = ','.join(each.headings[0] for each in columns if each.required)
         return RecordingError(

@@ -50,7 +50,7 @@ def run(kind: type[CellNode]) -> int:
         _ignore_signals()
         return 2
     gc.freeze()  # what is there stays and is no garbage
-    gc.set_threshold(10_000)  # a sample leaves nothing; a search takes milliseconds
+    gc.set_threshold(10_000)  # a search takes milliseconds
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
