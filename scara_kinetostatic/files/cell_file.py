@@ -370,9 +370,7 @@ def _topic(sensor: Section, key: str) -> str:
     """The name of a topic or service."""
     name = sensor.word(key)
     if not _TOPIC.match(name) or '/' + name.lstrip('/') == CELL_TOPIC:
-        raise sensor.error(
-            key, f'expected a name of a topic, not {CELL_TOPIC}, got {name!r}', 'write it like /arm/wrench'
-        )
+        raise sensor.error(key, f'expected a topic other than {CELL_TOPIC}, got {name!r}', 'write it like /arm/wrench')
     return name
 
 

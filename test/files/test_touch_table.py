@@ -47,8 +47,7 @@ def test_a_word_more_makes_another_column_and_another_unit_is_refused():
     np.testing.assert_array_equal(table.force, [[-10, 0.25]])
     assert table.notes == ("columns that are unknown and not used: 'fx_calibrated_N'",)
     with pytest.raises(
-        RecordingError,
-        match="the column 'time_ns' has none of the units of time; convert or rename it to time_s or time_ms",
+        RecordingError, match="'time_ns' has none of the units of time; convert or rename it to time_s or time_ms"
     ):
         parse(HEADING + ',time_ns', ROW + ',1')
 
@@ -94,8 +93,8 @@ def test_times_and_last_movements_are_converted_too():
         ([HEADING], 'there are no rows below the heading'),
         ([ROW, ROW], "there is no column 'q1_rad', got 0.5, 1.5, -10, 0.25; name them q1_rad,q2_rad,fx_N,fy_N"),
         (['q1_rad,q2_rad,fx_N', '1,2,3'], "there is no column 'fy_N', got q1_rad, q2_rad, fx_N; name them q1_rad,"),
-        (['q1_mm,q2_deg,fx_N,fy_N', ROW], "the column 'q1_mm' has none of the units of q1; convert or rename it to q1_rad or"),
-        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has none of the units of q1; convert or rename it to q1_rad or q1_mrad or"),
+        (['q1_mm,q2_deg,fx_N,fy_N', ROW], "the column 'q1_mm' has none of the units of q1; convert or rename it to"),
+        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has none of the units of q1; convert or rename it to q1_rad or"),
         ([HEADING + ',approach1_mm', ROW + ',1'], "the column 'approach1_mm' has none of the units of approach1"),
         ([HEADING + ',q1_deg', ROW + ',1'], "two columns of q1_rad, 'q1_rad' and 'q1_deg'; leave one out"),
         ([HEADING + ',object,Object', ROW + ',a,b'], "two columns of object, 'object' and 'Object'"),
