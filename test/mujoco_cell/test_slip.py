@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from mujoco_cell.conftest import CELL
+from studies.load_records import play
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import kinematics
@@ -21,16 +21,6 @@ from scara_kinetostatic.simulation.plan import Plan
 COMPLIANCE, TORQUE = 2e-5, 2.0
 RAMP, REST = 0.3, 0.3
 LOOP = (5.0, 2.0, 4.0, 0.0, -3.0, 0.0)
-
-
-def expected_play(torques: Sequence[float], half_width: float) -> list[float]:
-    """Prandtl's stop and play from its definition: the slider carries at most `half_width`, from the relaxed state."""
-    places = [0.0]
-    for torque in torques:
-        slider = torque - places[-1]
-        excess = max(abs(slider) - half_width, 0.0)
-        places.append(places[-1] + float(np.sign(slider)) * excess)
-    return places[1:]
 
 
 @pytest.fixture
@@ -62,7 +52,7 @@ def angles(engine: Engine) -> Floats:
 
 def test_the_deflection_is_the_play_of_the_torque(joint: tuple[Engine, int]) -> None:
     previous = 0.0
-    for torque, place in zip(LOOP, expected_play(LOOP, TORQUE), strict=True):
+    for torque, place in zip(LOOP, play(np.array(LOOP), TORQUE), strict=True):
         load(joint, previous, torque)
         slipped, total = angles(joint[0])
         spring = COMPLIANCE * place + PAPER_ACTUAL.p1 * torque
@@ -96,7 +86,7 @@ def test_the_memory_follows_from_the_contact_torques(few: Plan) -> None:
     motion = controller.run()
     torques = -np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, motion.links), motion.force)[:, 1]
     half_width, compliance = scene.slip_torque[1], scene.slip_compliance[1]
-    place = np.array(expected_play(torques.tolist(), half_width))[motion.holds]
+    place = play(torques, half_width)[motion.holds]
     error = np.array(slipped)[motion.holds] / compliance - place
     assert np.abs(place).max() > 2 * half_width
     assert np.abs(error).max() < 0.1 * half_width

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from studies.load_records import play
 
 from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.studies.loops.dial_gauge import Readings
@@ -33,11 +34,8 @@ def loops(heading: str = 'time_s,displacement_m,force_N', slip: float = 6e3) -> 
     """Loops of a joint with a gap of 4 mm that slips at a load, as a table."""
     time = np.arange(0, 8, 1 / 50)
     places = 0.02 * np.minimum(0.4 + time / 6, 1) * np.sin(np.pi * time)
-    force, anchor = [], 0.0
-    for x in places.tolist():
-        anchor = min(max(anchor, x - 2e-3 - 1e-6 * slip), x + 2e-3 + 1e-6 * slip)
-        stretch = x - anchor
-        force.append(np.sign(stretch) * max(abs(stretch) - 2e-3, 0) / 1e-6)
-    noisy = np.array(force) + 20 * np.random.default_rng(0).standard_normal(len(force))
+    stretch = places - play(places, 2e-3 + 1e-6 * slip)
+    force = np.sign(stretch) * np.maximum(abs(stretch) - 2e-3, 0) / 1e-6
+    noisy = force + 20 * np.random.default_rng(0).standard_normal(len(force))
     rows = [f'{t:.4f},{x:.9f},{f:.3f}' for t, x, f in zip(time, places, noisy, strict=True)]
     return '\n'.join([heading, *rows]) + '\n'

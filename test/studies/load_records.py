@@ -9,6 +9,8 @@ from scara_kinetostatic.studies.loops.record import Record
 RATE = 80.0
 COMPLIANCE = 150e-6
 TORQUE_NOISE, ANGLE_NOISE = 5e-3, 2e-6
+SLIP, SLIP_LOAD = 120e-6, 1.0
+"""Compliance of the part that slips, rad/Nm, and the torque up to which its friction holds, Nm."""
 
 
 def torque(level: float = -2.0, rest: int = 200, held: int = 400, after: int = 300) -> np.ndarray:
@@ -18,29 +20,20 @@ def torque(level: float = -2.0, rest: int = 200, held: int = 400, after: int = 3
 
 
 def columns(load: np.ndarray, seed: int = 0, state: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time, torque and angle of an elastic joint, or of one that slips, with noise; s, Nm, rad."""
+    """Time, torque and angle of an elastic joint, or of one that slips from such a state on, with noise; s, Nm, rad."""
     random = np.random.default_rng(seed)
     angle = 0.7 + COMPLIANCE * load + ANGLE_NOISE * random.standard_normal(len(load))
-    angle += 0.0 if state is None else slipping(load, state)
+    angle += 0.0 if state is None else SLIP * play(load, SLIP_LOAD, state * SLIP_LOAD)
     return np.arange(len(load)) / RATE, load + TORQUE_NOISE * random.standard_normal(len(load)), angle
 
 
-def slipping(load: np.ndarray, state: float, slip_load: float = 1.0, slip: float = 120e-6) -> np.ndarray:
-    """Angle of the slipping part of a joint, (n,), rad: friction that holds up to a torque, one sample after the other.
-
-    Args:
-        load: (n,), Nm.
-        state: of friction at the start, -1 to 1.
-        slip_load: at which it slips, Nm.
-        slip: compliance of the slipping part, rad/Nm.
-    """
-    anchor, moved = state * slip_load, []
+def play(load: np.ndarray, half_width: float, start: float = 0.0) -> np.ndarray:
+    """The play operator, one sample after the other, (n,): where friction holds up to a half-width, its other end."""
+    output, here = [], start
     for each in load.tolist():
-        held = each - anchor
-        if abs(held) > slip_load:
-            anchor = each - np.sign(held) * slip_load
-        moved.append(slip * anchor)
-    return np.array(moved)
+        here = min(max(here, each - half_width), each + half_width)
+        output.append(here)
+    return np.array(output)
 
 
 def record(load: np.ndarray, seed: int = 0, state: float | None = None, half_gap: float = 0.0) -> Record:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.load_records import RATE, columns, record, torque
+from studies.load_records import RATE, columns, play, record, torque
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.touch import play_operator
@@ -22,15 +22,6 @@ from scara_kinetostatic.studies.loops.selection import Selection, Study, p_indep
 STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
 """Load and state of friction at the start."""
 LAWS = [law for law in LOAD_LAWS if law.name in ('friction', 'slip')]
-
-
-def play(load: np.ndarray, half_width: float, start: float) -> np.ndarray:
-    """The play operator, one sample after the other, (n,)."""
-    output, here = [], start
-    for each in load.tolist():
-        here = min(max(here, each - half_width), each + half_width)
-        output.append(here)
-    return np.array(output)
 
 
 def wandering(seed: int) -> RecordPath:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.load_records import play
 
 from benchmark.hysteresis import alarmed, exact_force, simulate_record, sine
 from scara_kinetostatic.model.arrays import rms
@@ -25,19 +26,10 @@ def slipping(noise: float = 0.0, seed: int = 0, fine: int = 40) -> Record:
     time, moved = sine()
     p, g = TRUTH['compliance'], TRUTH['half_gap']
     places = np.interp(np.linspace(0, len(time) - 1, fine * (len(time) - 1) + 1), np.arange(len(time)), moved)
-    anchor, forces = 0.0, []
-    for k, x in enumerate(places.tolist()):
-        stretch = x - anchor
-        force = np.sign(stretch) * max(abs(stretch) - g, 0.0) / p
-        if force > SLIPS['slip_positive']:
-            force = SLIPS['slip_positive']
-            anchor = x - g - p * force
-        elif force < -SLIPS['slip_negative']:
-            force = -SLIPS['slip_negative']
-            anchor = x + g - p * force
-        if k % fine == 0:
-            forces.append(force)
-    noisy = np.array(forces) + TRUTH['force_zero'] + noise * np.random.default_rng(seed).standard_normal(len(time))
+    rising, falling = (g + p * each for each in SLIPS.values())
+    stretch = places - play(places - (rising - falling) / 2, (rising + falling) / 2)
+    forces = np.sign(stretch) * np.maximum(np.abs(stretch) - g, 0.0) / p
+    noisy = forces[::fine] + TRUTH['force_zero'] + noise * np.random.default_rng(seed).standard_normal(len(time))
     return Record('loops.csv', time, noisy, moved, 'N')
 
 
