@@ -2,59 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
 from sensor_msgs.msg import JointState
 
-from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
-from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
-from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.nodes import session
 from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import Stream, StreamMonitor
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.streams import Streams
 
 GIB = 1 << 30
-
-
-def touches(count: int) -> Streams:
-    plan = default_plan(PAPER_CELL).select(np.arange(count))
-    return simulate_streams(PAPER_CELL, PAPER_MEASURED, plan, seed=3)
-
-
-def feed(recording: Session, streams: Streams) -> None:
-    """Gives a recording all messages in the order of their stamps."""
-    joints, wrench = streams.joints, streams.wrench
-    messages = joint_state_messages(joints.stamp, joints.position, PAPER_CELL.joint_names)
-    messages += wrench_messages(wrench.stamp, wrench.force, 'base')
-    stamps = np.concatenate([joints.stamp, wrench.stamp])
-    values = np.concatenate([joints.position, wrench.force]).tolist()
-    for number, place in enumerate(np.argsort(stamps, kind='stable').tolist()):
-        stream = Stream.JOINTS if place < len(joints.stamp) else Stream.WRENCH
-        stamp = int(stamps[place])
-        recording.take(stream, messages[place], stamp, Sample(stamp, *values[place]))
-        if number % 50 == 0:
-            recording.poll()
-
-
-def test_many_rejected_touches_are_said_with_their_reason(tmp_path):
-    wrong = replace(PAPER_CELL, sensor=PAPER_CELL.sensor._replace(sign=SensorSign.ON_ROBOT))
-    recording = Session(tmp_path, wrong, 1)
-    assert recording.rejections() == ''
-    feed(recording, touches(4))
-    recording.close()
-    assert ' of 4 touches rejected, ' in recording.rejections()
 
 
 def test_the_collector_warns_of_the_disk(bench, tmp_path, monkeypatch):

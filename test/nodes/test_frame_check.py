@@ -77,7 +77,7 @@ def test_live_touches_are_those_of_the_recording(late, collector):
         collector._record(stream, item.payload, item.log_time, tree.sample(stream, item.payload))
         if number % 2000 == 0:
             collector._poll()
-    assert collector._stop().startswith('12 touches (0 more rejected)')
+    assert collector._stop() == f'12 touches (0 more rejected) in {session.folder}'
     streams = read_streams(session.folder, TOOL_CELL)
     assert streams.turned and tree.frame.description() == streams.turned
     assert len(find_touches(streams, TOOL_CELL).touches) == 12
