@@ -35,7 +35,7 @@ from scara_kinetostatic.interface import diagnose, simulate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.monitoring.history import History
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.results.parameter_file import load_result
+from scara_kinetostatic.results.calibration_yaml import load_result
 from scara_kinetostatic.results.write import write_results
 from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.studies.loops.dial_gauge import load_readings

@@ -1,4 +1,6 @@
-"""The deformable robot: direct and inverse kinetostatics H̄ and Ḡ (4), from (6), (7) and (8), and their derivatives.
+"""The deformable robot: direct and inverse kinetostatics H̄ and Ḡ (4), from (6), (7) and (8).
+
+The derivatives of the tip by the parameters are in `model.tip`.
 
 sign(c) in (6) is set-valued at c = 0: inside its backlash the joint floats and
 q - q* is anywhere in [-g, g]. Where a torque vanishes, `slack` in [-1, 1] says

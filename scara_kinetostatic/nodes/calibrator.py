@@ -32,8 +32,8 @@ from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, 
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.results import calibration_json, parameter_file
-from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult, load_result
+from scara_kinetostatic.results import calibration_json, calibration_yaml
+from scara_kinetostatic.results.calibration_yaml import FACTS, GROUP, StoredResult, load_result
 
 _RESULT = {
     **{f'calibrated.{name}': f'{DESCRIPTIONS[name]}, {unit}' for name, unit in UNITS.items()},
@@ -223,7 +223,7 @@ class Calibrator(CellNode):
         Raises:
             CalibrationFileError: `calibration.json` cannot be read.
         """
-        stored = load_result(folder / parameter_file.NAME)
+        stored = load_result(folder / calibration_yaml.NAME)
         facts: Mapping[str, Any] = stored.facts
         is_fit = facts['assessment'] != UNFIT
         published = is_fit or job.publish_unfit

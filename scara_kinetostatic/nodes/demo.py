@@ -26,7 +26,7 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
-from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
+from scara_kinetostatic.results.calibration_yaml import NAME, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
 THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}

@@ -2,9 +2,9 @@
 
 **Choice** (I-optimality). The covariance of all values, of the declared errors and of effects that nobody has decided
 about follows from the touches made and those planned, linearised where they are expected. Of all candidates that can be
-reached those are chosen (`candidates`) that lower the mean variance of the tip over the region most, without and under
-load. Candidates are points around the discs, both postures, three forces, with and without a preload: a preload is
-planned where it shows friction.
+reached those are chosen (`candidate_touches`) that lower the mean variance of the tip over the region most, without and
+under load. Candidates are points around the discs, both postures, three forces, with and without a preload: a preload
+is planned where it shows friction.
 
 **Effects not decided.** Every effect of the catalogue counts, with a prior: its typical size where the diagnosis
 suspects it, else the size that the mixed model has found, or `UNSUSPECTED` of the typical one without such a fit; one
@@ -46,7 +46,7 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.planning.candidates import (
+from scara_kinetostatic.planning.candidate_touches import (
     MOST_TOUCHES,
     PRELOAD,
     CandidateTouches,

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
-from scara_kinetostatic.planning.candidates import MOST_TOUCHES
+from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import tip_std
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict

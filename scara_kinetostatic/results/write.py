@@ -15,11 +15,11 @@ from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.files.calibration_file import is_readable
 from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.report.json_file import json_text, utc
-from scara_kinetostatic.results import calibration_json, parameter_file
+from scara_kinetostatic.results import calibration_json, calibration_yaml
 from scara_kinetostatic.results import report as page
 
 RESIDUALS = 'residuals.csv'
-RESULTS = (parameter_file.NAME, calibration_json.NAME, page.NAME, RESIDUALS)
+RESULTS = (calibration_yaml.NAME, calibration_json.NAME, page.NAME, RESIDUALS)
 """The files of a result."""
 
 
@@ -88,7 +88,7 @@ def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) 
         problem = f'{len(outcome.final.touches)} touches make a {calibration_json.NAME} too large to be read again'
         raise UnsupportedDataError(problem, 'leave some out')
     contents = {
-        parameter_file.NAME: parameter_file.parameter_text(outcome),
+        calibration_yaml.NAME: calibration_yaml.parameter_text(outcome),
         calibration_json.NAME: document,
         **({page.NAME: page.html_text(outcome)} if report else {}),
         RESIDUALS: residual_table(outcome),

@@ -27,7 +27,7 @@ from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
-from scara_kinetostatic.results.parameter_file import facts, parameter_text
+from scara_kinetostatic.results.calibration_yaml import facts, parameter_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

@@ -16,7 +16,7 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
 from scara_kinetostatic.model.kinetostatics import DRAG
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.planning.candidates import MOST_HELD_OUT, held_out_ratio
+from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import default_plan

@@ -11,7 +11,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.planning.candidates import (
+from scara_kinetostatic.planning.candidate_touches import (
     MOST_LEVERAGE,
     TOUCHES_PER_DISC,
     candidate_plan,

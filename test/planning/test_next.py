@@ -22,7 +22,7 @@ from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.planning.candidates import declared_rows, largest_variance
+from scara_kinetostatic.planning.candidate_touches import declared_rows, largest_variance
 from scara_kinetostatic.planning.motion import Edges, short_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import tip_in_use
