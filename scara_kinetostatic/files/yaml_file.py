@@ -118,10 +118,11 @@ def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Puts what `parse_yaml` would read as a number in quotes: 1e3 is one in YAML 1.2, and a string for PyYAML."""
+    """Puts what `parse_yaml` would read as a number in quotes: 1e3 and 08 are some, and strings for PyYAML."""
 
 
-_Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]+[eE][-+]?[0-9]+\Z'), [*'-+0123456789'])
+_, _number, _first = _CORE_SCHEMA[-1]
+_Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(rf'(?:{_number})\Z'), [*_first])
 
 
 def dump_yaml(tree: Any, flow: bool = False) -> str:

@@ -34,7 +34,7 @@ def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:
         match = re.fullmatch(r'(\d{1,9})(?:-(\d{1,9}))?', text)
         entry = range(int(match[1]), int(match[2] or match[1]) + 1) if match else text
         if not entry:
-            raise ParameterError(where, f'{text!r}: expected a range of touches such as 10-14', 'the smaller first')
+            raise ParameterError(where, f'{text}: expected a range of touches such as 10-14', 'write the smaller first')
         entries.append(entry)
     return tuple(entries)
 

@@ -203,6 +203,6 @@ def test_touches_are_left_out_on_request(folder, tmp_path, capsys):
     rejected = document(tmp_path / 'result')['touches']['rejected']
     assert [item['index'] for item in rejected if item['reason'] == 'left out on request'] == [3, 5, 6]
     assert run('calibrate', folder / 'touches.csv', *options, '--leave-out', '9-7') == 2
-    assert "--leave-out: '9-7': expected a range of touches such as 10-14" in capsys.readouterr().err
+    assert '--leave-out: 9-7: expected a range of touches such as 10-14' in capsys.readouterr().err
     assert run('calibrate', folder / 'touches.csv', *options, '--leave-out', '0-107') == 3
     assert 'touches can be used: left out on request; keep some\n' in capsys.readouterr().err
