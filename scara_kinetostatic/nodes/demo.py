@@ -110,12 +110,15 @@ def free_domain() -> int:
 
 
 def is_free(domain: int) -> bool:
-    """Whether the discovery port of the domain (DDSI-RTPS: 7400 + 250 d) is free."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('', 7400 + 250 * domain))
-        except OSError:
-            return False
+    """Whether the ports of the domain (DDSI-RTPS) are free: 7400 + 250 d, and 7410 + 250 d of its first participant,
+    which alone is bound where a process discovers others on this machine only.
+    """
+    for port in (7400, 7410):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', port + 250 * domain))
+            except OSError:
+                return False
     return True
 
 

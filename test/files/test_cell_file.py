@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.files.calibration_file import cell_entry, stored_cell
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
+from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml
 from scara_kinetostatic.model.cell import (
     PAPER_CELL,
     PAPER_DISCS,
@@ -109,6 +110,11 @@ def test_dump_is_read_by_any_yaml_reader() -> None:
     data = yaml.safe_load(dump_cell(Cell(PAPER_MEASURED, PAPER_DISCS)))
     assert data['robot']['nominal'] == PAPER_MEASURED.as_dict()
     assert data['objects'][0] == {'name': 'disc_1', 'center': [-0.25, 0.3], 'radius': 0.15}
+
+
+@pytest.mark.parametrize('text', ['08', '.5e3', '1e5', '-.inf', '~'])
+def test_a_string_that_looks_like_a_number_stays_one(text: str) -> None:
+    assert parse_yaml(dump_yaml({'name': text}), 'it', CellError) == {'name': text}
 
 
 SENSOR = Sensor('joint_states', 'arm/wrench', zero_service='/ft/zero')

@@ -12,7 +12,8 @@ import yaml
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
-from scara_kinetostatic.nodes.demo import free_domain
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.demo import free_domain, is_free
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 
@@ -59,6 +60,12 @@ def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name, number):
     code = INTERRUPTED.format(number=int(number), module='rclpy') + START.format(name=name)
     ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=WAIT)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
+
+
+def test_a_domain_in_which_a_node_discovers_this_machine_alone_is_not_free(bench, domain):
+    assert is_free(domain)
+    bench(ContactSimulator)
+    assert not is_free(domain)
 
 
 def test_a_wrong_cell_is_one_line_and_status_2(tmp_path):
