@@ -35,8 +35,8 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
+from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
-from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces
 from scara_kinetostatic.model.parameters import G_EE, L1, L2, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters, quantity
 from scara_kinetostatic.model.touch import TouchSet

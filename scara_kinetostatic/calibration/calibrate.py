@@ -21,8 +21,8 @@ from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.model.touch_equations import has_no_sure_sign

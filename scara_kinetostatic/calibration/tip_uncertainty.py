@@ -33,6 +33,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
+from scara_kinetostatic.model.joint_law import joint_deflection, joint_torques, pull_of_links
 from scara_kinetostatic.model.kinematics import (
     LoadedJoints,
     forward,
@@ -42,7 +43,6 @@ from scara_kinetostatic.model.kinematics import (
     tip_by_parameters,
     wrap,
 )
-from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques, pull_of_links
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import with_effects
 

@@ -29,7 +29,7 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
+    from scara_kinetostatic.planning.planner import PlannedTouches, Planner
 
 USUAL_NUMBER = 12
 """Touches that are planned unless told."""
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> None:
 def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | None]:
     """What recordings and calibration say; the diagnosis of a calibration by the recordings."""
     from scara_kinetostatic.files.calibration_file import nominal_arm
-    from scara_kinetostatic.planning.next_touches import Planner
+    from scara_kinetostatic.planning.planner import Planner
 
     nominal = nominal_arm(cell)
     if not args.calibration and not args.bags:

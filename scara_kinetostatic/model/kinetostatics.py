@@ -1,10 +1,6 @@
 """The deformable robot: direct and inverse kinetostatics H̄ and Ḡ (4), from (6), (7) and (8).
 
-The derivatives of the tip by the parameters are in `model.tip`.
-
-sign(c) in (6) is set-valued at c = 0: inside its backlash the joint floats and
-q - q* is anywhere in [-g, g]. Where a torque vanishes, `slack` in [-1, 1] says
-where in the dead band the joint is, 0 being its middle.
+The law of the joints is in `model.joint_law`, the derivatives of the tip by the parameters in `model.tip`.
 
 **Effects.** With effects (`extended_model`) the law of the joints (6) becomes q - q* = p c + g sign(c) + δ and the tip
 is at S = H(Q*) + (S - S*) + d. What an effect does to the object or to the force sensor is no part of H̄ and Ḡ. As δ
@@ -17,50 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.arrays import Floats, Mask, as_complex
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, joints_under_load
-from scara_kinetostatic.model.touch_equations import Pull, State, pull_of, step_links
-
-
-def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLike = 0.0) -> Floats:
-    """Law of the joints (6): q - q* = p c + g sign(c).
-
-    Args:
-        parameters: L̄.
-        torques: C, (n, 2), Nm.
-        slack: place in the dead band where a torque is zero, in [-1, 1].
-
-    Returns:
-        q - q*, (n, 2), rad.
-    """
-    torques = np.asarray(torques, dtype=float)
-    sign = np.where(torques == 0, slack, np.sign(torques))
-    return parameters.joint_compliances[:, 0] * torques + parameters.joint_backlashes[:, 0] * sign
-
-
-def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) -> Floats:
-    """Torques C = JᵀF (2) (8), with J at the link angles Q*, and what holds the arm against gravity.
-
-    Without gravity they are exact zeros below 1e-13 of force times arm length.
-
-    Args:
-        parameters: L̄.
-        links: Q*, (n, 2), rad.
-        force: F on the object, base frame, (n, 2), N.
-
-    Returns:
-        C, (n, 2), Nm.
-    """
-    force = np.asarray(force, dtype=float)
-    torques = np.einsum('...ij,...i->...j', kinematics.jacobian(parameters, links), force)
-    scale = (parameters.l1 + parameters.l2) * np.hypot(force[..., 0], force[..., 1])
-    torques = np.where(np.abs(torques) <= 1e-13 * scale[..., None], 0.0, torques)
-    pull = pull_of_links(parameters, links)
-    return torques if pull is None else torques + pull.torque.T
+from scara_kinetostatic.model.touch_equations import State, step_links
 
 
 def tip_yield(parameters: Parameters, joints: Floats, force: Floats) -> Floats:
@@ -123,12 +82,6 @@ def drag(angle: Floats, posture: ArrayLike) -> Floats:
     # a quarter of a step off the places that are planned, on discs and, half a step on, on outlines
     turn = np.floor(np.asarray(angle) / (np.pi / 12) + 0.25) + (np.asarray(posture) > 0)
     return np.where(turn % 2 == 0, DRAG, -DRAG)
-
-
-def pull_of_links(parameters: Parameters, links: ArrayLike) -> Pull | None:
-    """Gravity on links at Q*, (n, 2), rad; None where there is none."""
-    first, second = kinematics.link_vectors(parameters, links)
-    return pull_of(parameters, as_complex(first) / parameters.l1, as_complex(second) / parameters.l2)
 
 
 def inverse_kinetostatics(

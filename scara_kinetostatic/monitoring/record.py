@@ -28,7 +28,7 @@ from scara_kinetostatic.model.extended_model import reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
-from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite, undetected_part
+from scara_kinetostatic.planning.planner import Planner, known_or_infinite, undetected_part
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import as_document
 

@@ -60,7 +60,7 @@ from scara_kinetostatic.nodes.conversion import (
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import RecordingNode, Session
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream, publishers_of
-from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
+from scara_kinetostatic.planning.planner import Planner, known_or_infinite
 from scara_kinetostatic.results.calibration_yaml import NAME, load_result
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.running.robot import Command

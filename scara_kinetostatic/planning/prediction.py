@@ -44,7 +44,8 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, press_aside
+from scara_kinetostatic.model.joint_law import joint_deflection
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State, has_no_sure_sign

@@ -24,7 +24,7 @@ from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Poses
-from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
+from scara_kinetostatic.planning.planner import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.touches.detection import Detection
 

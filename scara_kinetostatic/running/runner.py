@@ -32,7 +32,7 @@ from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
 from scara_kinetostatic.model.kinetostatics import press_aside, tip_yield
 from scara_kinetostatic.model.parameters import Parameters, quantity
 from scara_kinetostatic.planning.motion import Poses
-from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker, length
 from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, SILENT, Command, Commander, Fault, Motion, Senses, Track

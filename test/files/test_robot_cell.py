@@ -14,8 +14,8 @@ from scara_kinetostatic.files.robot_cell import robot_cell
 from scara_kinetostatic.files.robot_urdf import Robot, read_robot
 from scara_kinetostatic.files.yaml_file import parse_yaml
 from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import joint_torques
 
 pytest.importorskip('urdf_parser_py')
 
