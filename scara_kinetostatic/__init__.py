@@ -122,7 +122,10 @@ def __getattr__(name: str) -> Any:
     home = _homes().get(name)
     if home is None:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    value = getattr(import_module(home), name)
+    from scara_kinetostatic.errors import naming_missing_libraries
+
+    with naming_missing_libraries():
+        value = getattr(import_module(home), name)
     globals()[name] = value
     return value
 

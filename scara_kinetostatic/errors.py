@@ -12,8 +12,17 @@ nodes into a failed service answer; nothing else catches the root.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
+
+PYPI = ('rosbags', 'mcap', 'lz4', 'zstandard')
+"""What reads and writes recordings, by the names of pip; apt does not have all of them."""
+_PIP = {'yaml': 'pyyaml', 'urdf_parser_py': 'urdfdom_py', 'mujoco': "'mujoco>=3.13'"}
+_APT = {'urdf_parser_py': 'ros-jazzy-urdfdom-py', 'mujoco': ''}
+"""Names of modules by which pip and apt install them, where that is not the module's and `python3-` with it."""
 
 
 def one_line(text: str) -> str:
@@ -79,6 +88,35 @@ class OutputError(InputError):
 
 class ParameterError(InputError):
     """A parameter name or value that makes no sense."""
+
+
+class MissingLibraryError(InputError, ImportError):
+    """A library that cannot be imported; the message says what installs it."""
+
+
+@contextmanager
+def naming_missing_libraries() -> Iterator[None]:
+    """Of a library that cannot be imported within, the error says what installs it.
+
+    Raises:
+        MissingLibraryError: in place of the `ImportError` of a library; one of this package or of Python is a bug.
+    """
+    try:
+        yield
+    except ImportError as error:
+        name = str(error.name).partition('.')[0]
+        own = isinstance(error, MissingLibraryError) or name in (__package__, 'None', *sys.stdlib_module_names)
+        if own:
+            raise
+        names = [one for one in (PYPI if name in PYPI else ()) if find_spec(one) is None] or [name]
+        remedy = f'pip install {" ".join(_PIP.get(one, one) for one in names)}'
+        if name == 'rclpy' or name.endswith(('_msgs', '_interfaces')):
+            wheels = "pip install 'scara_kinetostatic[ros]'"
+            remedy = f'source /opt/ros/jazzy/setup.bash, or apt install ros-jazzy-{name.replace("_", "-")}, or {wheels}'
+        elif apt := '' if name in PYPI else _APT.get(name, f'python3-{name}'):
+            remedy += f', or apt install {apt}'
+        problem = 'not installed' if isinstance(error, ModuleNotFoundError) else f'cannot be imported: {error}'
+        raise MissingLibraryError(' '.join(names), problem, remedy) from error
 
 
 def expect(value: object, kind: type, name: str, remedy: str = '') -> None:

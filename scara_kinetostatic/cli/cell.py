@@ -66,10 +66,8 @@ def run(args: argparse.Namespace) -> None:
         robot = read_robot(args.urdf)
         check_file(args.out, [args.urdf])
     else:
-        try:
-            from scara_kinetostatic.nodes.streams import heard_description
-        except ImportError as error:
-            raise InputError('rclpy', f'cannot be imported: {error}', 'source ROS 2, or give --urdf FILE') from error
+        from scara_kinetostatic.nodes.streams import heard_description
+
         robot = Robot(heard_description(args.topic).encode(), args.topic)
     if args.out.exists():
         raise InputError(f'{args.out}', 'exists, and may have objects filled in', 'give another --out')

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, real
-from scara_kinetostatic.errors import InputError, OutputError
+from scara_kinetostatic.errors import OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.nodes.demo import DemoResult
@@ -41,18 +41,11 @@ def run(args: argparse.Namespace) -> None:
     """Runs the demonstration.
 
     Raises:
-        InputError: ROS is not installed, the cell or the folder is wrong, a node did not start or answer.
+        InputError: the cell or the folder is wrong, a node did not start or answer.
         UnsupportedDataError: there was no calibration.
     """
-    try:
-        from scara_kinetostatic.nodes.demo import run_demo
-    except ModuleNotFoundError as error:
-        if str(error.name).startswith('scara_kinetostatic'):
-            raise
-        remedy = "install the ROS wheels by pip install 'scara_kinetostatic[ros]', or source a ROS 2 installation"
-        problem = f'needs ROS 2 Jazzy, and the module {error.name!r} is not installed'
-        raise InputError('demo', problem, remedy) from error
     from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.nodes.demo import run_demo
 
     cell = load_cell(args.cell) if args.cell else None
     folder = args.out.absolute() / datetime.now().strftime('%Y_%m_%d-%H_%M_%S_%f')

@@ -18,7 +18,7 @@ from typing import NoReturn
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
-from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
+from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError, naming_missing_libraries
 
 VERBS = {
     'calibration': ('cell', 'calibrate', 'inspect', 'verify', 'compare', 'history'),
@@ -78,7 +78,7 @@ def _run(argv: Sequence[str] | None) -> int:
     """The exit status of the verb; what concerns stdout is raised."""
     debug, received = False, list[int]()
     try:
-        with _termination(received):
+        with _termination(received), naming_missing_libraries():
             parser = build_parser()
             args = parser.parse_args(argv)
             if args.verb is None:  # after unknown options, which are named first

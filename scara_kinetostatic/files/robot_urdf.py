@@ -63,11 +63,8 @@ class Robot:
         self.inertias = {name: (float(i.mass), _matrix(i.origin)[:3, 3]) for name, i in weighing.items()}
 
     def _parsed(self, text: bytes) -> Any:
-        try:
-            from urdf_parser_py.urdf import URDF
-        except ImportError as error:
-            remedy = 'install it: apt install ros-jazzy-urdfdom-py, or pip install urdfdom_py'
-            raise InputError('urdfdom_py', f'is needed to read {self.where}, and cannot be imported', remedy) from error
+        from urdf_parser_py.urdf import URDF
+
         try:
             tree = ElementTree.fromstring(text)
             for parent, kept in [(tree, set(_KEPT)), *((child, _KEPT.get(child.tag, set())) for child in tree)]:

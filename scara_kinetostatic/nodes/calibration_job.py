@@ -21,7 +21,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple
 
-from scara_kinetostatic.errors import ScaraKinetostaticError, one_line
+from scara_kinetostatic.errors import ScaraKinetostaticError, naming_missing_libraries, one_line
 
 UNFIT = 'unfit'
 """Folder, in that of the results, for one that is not fit for use."""
@@ -150,7 +150,8 @@ def main() -> None:
 
     try:
         job = Job(**json.loads(sys.argv[1]))
-        send(reply=do(job, send))
+        with naming_missing_libraries():
+            send(reply=do(job, send))
     except ScaraKinetostaticError as error:
         send(error=str(error))
     except (KeyboardInterrupt, BrokenPipeError):  # told to end, or the node has gone

@@ -177,7 +177,7 @@ def follow_joint_trajectory() -> Any:
     try:
         return import_module('control_msgs.action').FollowJointTrajectory
     except ImportError as error:
-        remedy = 'install control_msgs, or leave action empty and command by joint_trajectory'
+        remedy = 'apt install ros-jazzy-control-msgs, or leave action empty and command by joint_trajectory'
         raise InputError('action', 'control_msgs cannot be imported', remedy) from error
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from functools import partial
 from importlib import import_module
 from types import FrameType
@@ -19,8 +20,15 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 def _run(name: str, kind: str) -> int:
     for number in ENDING:
         signal.signal(number, _end)
-    runtime, module = (import_module(f'scara_kinetostatic.nodes.{each}') for each in ('runtime', name))
-    return int(runtime.run(getattr(module, kind)))
+    from scara_kinetostatic.errors import MissingLibraryError, naming_missing_libraries
+
+    try:
+        with naming_missing_libraries():
+            runtime, module = (import_module(f'scara_kinetostatic.nodes.{each}') for each in ('runtime', name))
+            return int(runtime.run(getattr(module, kind)))
+    except MissingLibraryError as error:
+        print(error, file=sys.stderr)
+        return 2
 
 
 def _end(_number: int, _: FrameType | None) -> None:

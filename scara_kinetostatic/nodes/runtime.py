@@ -18,7 +18,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.errors import ScaraKinetostaticError, naming_missing_libraries
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.executables import ENDING
 
@@ -38,8 +38,9 @@ def run(kind: type[CellNode]) -> int:
         signal.signal(number, lambda received, _: signals.append(received))
     problem = ''
     try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        node: CellNode = kind()
+        with naming_missing_libraries():
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            node: CellNode = kind()
     except (ScaraKinetostaticError, ParameterException) as error:
         problem = str(error)
     except (RCLError, UnknownROSArgsError) as error:

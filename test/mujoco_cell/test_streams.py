@@ -130,5 +130,5 @@ def test_without_the_engine_the_command_says_what_to_install(
     assert main(['mujoco', 'made']) == 2
     error = capsys.readouterr().err
     assert error.count('\n') == 1
-    assert "pip install '.[physics]'" in error
+    assert "mujoco: not installed; pip install 'mujoco>=3.13'" in error
     assert list(tmp_path.iterdir()) == []

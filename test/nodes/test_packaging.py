@@ -10,8 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
+
 import scara_kinetostatic
-from scara_kinetostatic.bags import PYPI
+from scara_kinetostatic.errors import PYPI
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Region
 from scara_kinetostatic.simulation.plan import default_plan
@@ -48,11 +50,17 @@ def test_no_dependency_is_installed_by_pip():
     assert f'pip install --user --break-system-packages {" ".join(PYPI)}' in page
 
 
-def test_a_missing_package_is_named(tmp_path):
-    code = f'import sys; sys.path.insert(0, {str(ROOT)!r}); sys.modules["mcap"] = None; import scara_kinetostatic.bags'
-    ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=tmp_path)
-    assert ended.returncode == 1
-    assert ended.stderr.splitlines()[-1] == 'ImportError: not installed: mcap; get it from PyPI: pip install mcap'
+@pytest.mark.parametrize('code', [
+    'from scara_kinetostatic.cli.main import main; sys.exit(main(["inspect", "recording"]))',
+    'from scara_kinetostatic.nodes.executables import collector; sys.exit(collector())',
+    'import scara_kinetostatic as sk; sk.read_touches',
+])  # fmt: skip
+def test_a_missing_library_is_one_line_that_says_what_installs_it(code, tmp_path):
+    hidden = f'import sys; sys.path.insert(0, {str(ROOT)!r}); sys.modules.update(dict.fromkeys(("rosbags", "mcap")))'
+    ended = subprocess.run([sys.executable, '-c', f'{hidden}; {code}'], capture_output=True, text=True, cwd=tmp_path)
+    assert ended.stderr.splitlines()[-1].endswith('rosbags mcap: not installed; pip install rosbags mcap')
+    if 'sk.' not in code:
+        assert len(ended.stderr.splitlines()) == 1 and ended.returncode == 2
 
 
 def test_every_executable_exists():

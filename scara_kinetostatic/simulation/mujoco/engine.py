@@ -254,17 +254,12 @@ def load_engine() -> Any:
     """The module `mujoco`.
 
     Raises:
-        InputError: it is not installed, or too old.
+        InputError: it is too old.
     """
-    remedy = "pip install '.[physics]' in the repository"
-    try:
-        import mujoco
-    except ImportError as error:
-        missing = isinstance(error, ModuleNotFoundError)
-        problem = 'the physics engine is not installed' if missing else f'the physics engine cannot be loaded: {error}'
-        raise InputError('mujoco', problem, remedy) from error
+    import mujoco
+
     if not hasattr(mujoco.mjtIntegrator, 'mjINT_DISCRETE'):
-        raise InputError('mujoco', f'expected version 3.13 or later, got {mujoco.__version__}', remedy)
+        raise InputError('mujoco', f'expected version 3.13 or later, got {mujoco.__version__}', 'pip install -U mujoco')
     return mujoco
 
 
