@@ -1,18 +1,20 @@
 """Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator, contour
-tracker and monitor.
+tracker, monitor and touch runner. `ARGUMENTS` and `CellNodes` serve the other launch files as well.
 
 An argument that is not given leaves a parameter as the file `params` has it or, if it is not there, config/nodes.yaml
 of the package or the node itself.
 
-For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
-forces make no sense with the example cell. Then calibrate by
-`ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends those of its cell, and so the
-launch unless it has other cells; not so a display. With `respawn:=true` one that has crashed is started again.
+For a real robot set `simulate:=false`, which leaves out the first and the robot's description and frames, which its
+driver publishes, and `cell:=/path/to/cell.yaml`: its joint angles and forces make no sense with the example cell. Then
+calibrate by `ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends those of its cell,
+and so the launch unless it has other cells; not so a display. With `respawn:=true` one that has crashed is started
+again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, List  # noqa: UP035 - launch knows lists by this name only
 
@@ -20,7 +22,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction
 from launch.events.process import ShutdownProcess
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import PathJoinSubstitution, TextSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -29,6 +31,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.urdf import arm_urdf
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+from scara_kinetostatic.nodes.parameter_files import is_for, sections_of
 
 PACKAGE = 'scara_kinetostatic'
 CONFIG = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config'])
@@ -38,56 +41,103 @@ RESPAWN_DELAY = 2.0
 """From the end of a node to its next start, s."""
 
 
+SWITCH = 'true', 'false'
+ARGUMENTS: dict[str, tuple[str, str, Sequence[str]]] = {
+    'cell': ('', 'cell description; empty: the example cell, for the simulator only', ()),
+    'params': ('', 'parameters of the nodes, a YAML file; it precedes config/nodes.yaml of the package', ()),
+    'preload': ('', 'calibration.yaml of an earlier result, for all nodes; empty: none', ()),
+    'namespace': ('', 'of all nodes, such as left; also begins the names of their frames', ()),
+    'use_sim_time': ('', 'take the time from /clock', SWITCH),
+    'log_level': ('info', 'of the log of all nodes', ('debug', 'info', 'warn', 'error', 'fatal')),
+    'respawn': ('false', 'start a node again that has crashed; else the cell ends', SWITCH),
+    'simulate': ('true', 'start the simulator', SWITCH),
+    'record': ('true', 'start the collector', SWITCH),
+    'calibrate': ('true', 'start the calibrator', SWITCH),
+    'show': ('true', 'start the visualizer', SWITCH),
+    'compensate': ('false', 'start the compensator', SWITCH),
+    'track': ('false', 'start the contour tracker', SWITCH),
+    'watch': ('false', 'start the monitor', SWITCH),
+    'run': ('false', 'start the touch runner, which moves the robot at ~/start', SWITCH),
+    'frames': ('', 'publish description and frames of the nominal arm; empty: with the simulator alone', SWITCH),
+    'rviz': ('false', 'start RViz with the configuration of the package', SWITCH),
+    'plan': ('', 'simulator: plan of touches or slides', ()),
+    'effects': ('', 'simulator: effects of the robot, a YAML list', ()),
+    'time_factor': ('', 'simulator: simulated seconds per second', ()),
+    'seed': ('', 'simulator: seed of the noise', ()),
+    'autostart': ('', 'collector: record at once', SWITCH),
+    'recordings': ('', 'collector and touch runner: folder for the recordings', ()),
+    'recording': ('', 'calibrator: recording to calibrate from; empty: what the collector announces', ()),
+    'output': ('', 'folder for the results; empty: beside the recording', ()),
+    'calibration': ('', 'of the others: calibration.json; empty: the one beside preload, else wait for one', ()),
+    'controller': ('', 'touch runner: the joint_trajectory_controller; empty: the topic joint_trajectory', ()),
+    'use_action': ('false', 'touch runner: send the controller goals, as few as safety needs', SWITCH),
+    'patience': ('', 'touch runner: how long a touch waits for what may pass by itself, s', ()),
+    'max_touches': ('', 'touch runner: accepted touches after which the run ends', ()),
+    'enclaves': ('/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>', ()),
+}
+"""Default, meaning and choices of each; without a default in what a launch file demands."""
+
+
 def generate_launch_description() -> LaunchDescription:
     """The arguments, and the nodes that they ask for."""
-    return LaunchDescription([*_arguments(), OpaqueFunction(function=lambda context: CellNodes(context).actions())])
+    return cell_description()
 
 
-def _arguments() -> list[DeclareLaunchArgument]:
-    def argument(name: str, default: str, description: str, *choices: str) -> DeclareLaunchArgument:
-        more = {'choices': [*choices] if default else ['', *choices]} if choices else {}
-        return DeclareLaunchArgument(name, default_value=default, description=description, **more)
+def cell_description(**defaults: str | None) -> LaunchDescription:
+    """One cell.
 
-    switch = ('true', 'false')
-    levels = ('debug', 'info', 'warn', 'error', 'fatal')
-    return [
-        argument('cell', '', 'cell description; empty: the example cell, for the simulator only'),
-        argument('params', '', 'parameters of the nodes, a YAML file; it precedes config/nodes.yaml of the package'),
-        argument('preload', '', 'calibration.yaml of an earlier result, for all nodes; empty: none'),
-        argument('namespace', '', 'of all nodes, such as left; also begins the names of their frames'),
-        argument('use_sim_time', '', 'take the time from /clock', *switch),
-        argument('log_level', 'info', 'of the log of all nodes', *levels),
-        argument('respawn', 'false', 'start a node again that has crashed; else the cell ends', *switch),
-        argument('simulate', 'true', 'start the simulator', *switch),
-        argument('record', 'true', 'start the collector', *switch),
-        argument('calibrate', 'true', 'start the calibrator', *switch),
-        argument('show', 'true', 'start the visualizer', *switch),
-        argument('compensate', 'false', 'start the compensator', *switch),
-        argument('track', 'false', 'start the contour tracker', *switch),
-        argument('watch', 'false', 'start the monitor', *switch),
-        argument('run', 'false', 'start the touch runner, which moves the robot at ~/start', *switch),
-        argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
-        argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
-        argument('plan', '', 'simulator: plan of touches or slides'),
-        argument('effects', '', 'simulator: effects of the robot, a YAML list'),
-        argument('time_factor', '', 'simulator: simulated seconds per second'),
-        argument('seed', '', 'simulator: seed of the noise'),
-        argument('autostart', '', 'collector: record at once', *switch),
-        argument('recordings', '', 'collector and touch runner: folder for the recordings'),
-        argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
-        argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
-        argument(
-            'calibration', '', 'of the others: calibration.json; empty: the one beside preload, else wait for one'
-        ),
-        argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
-    ]
+    Args:
+        defaults: of arguments where they are not those of `ARGUMENTS`; None: it has to be given.
+    """
+
+    def start(context: LaunchContext) -> list[Any]:
+        return actions_of(context, CellNodes(values_in(context)))
+
+    return LaunchDescription([*declared(ARGUMENTS, **defaults), OpaqueFunction(function=start)])
+
+
+def declared(names: Iterable[str], prefix: str = '', **defaults: str | None) -> list[DeclareLaunchArgument]:
+    """Arguments, with a prefix to their names; `defaults` as in `cell_description`."""
+    made = []
+    for name in names:
+        stated, meaning, choices = ARGUMENTS[name]
+        default = defaults.get(name, stated)
+        more = {} if default is None else {'default_value': default}
+        if choices:
+            more['choices'] = [*choices] if default else ['', *choices]
+        made.append(DeclareLaunchArgument(prefix + name, description=meaning, **more))
+    return made
+
+
+def values_in(context: LaunchContext) -> dict[str, str]:
+    """The values of the arguments."""
+    given = context.launch_configurations
+    return {name: given.get(name, stated[0]).strip() for name, stated in ARGUMENTS.items()}
+
+
+def actions_of(context: LaunchContext, *cells: CellNodes, names: Iterable[str] = ARGUMENTS) -> list[Any]:
+    """What to start, and what is given in vain; `names` are those of the arguments."""
+    actions = [action for cell in cells for action in cell.actions()]
+    found = {name: get_close_matches(name, names, 1) for name in {*context.launch_configurations} - {*names}}
+    vain = [f'{name}: no such argument; did you mean {close[0]}?' for name, close in found.items() if close]
+    nodes = [name for cell in cells for name in cell.nodes]
+    for file in filter(None, {cell.params for cell in cells}):
+        lost = [each for each in sections_of(file) if not any(is_for(each, name) for name in nodes)]
+        vain += [f'{file}: nothing started has the name {each}; there is {" ".join(nodes)}' for each in lost]
+    return [*(LogInfo(msg=f'WARNING: {said}') for said in vain), *actions]
 
 
 class CellNodes:
-    """The nodes of one cell, by the arguments in a context."""
+    """The nodes of one cell, by the values of the arguments.
 
-    def __init__(self, context: LaunchContext) -> None:
-        self._context = context
+    Attributes:
+        params: the parameter file; empty for none.
+        nodes: full names of the nodes of this package that are started.
+    """
+
+    def __init__(self, values: Mapping[str, str]) -> None:
+        self._values, self.params = values, values['params']
+        self.nodes: list[str] = []
         self._respawn = self._on('respawn')
         self._started: list[Node] = []
         self._ending = False
@@ -104,12 +154,14 @@ class CellNodes:
             return actions
         if not (self._on('simulate') or self._text('cell')):
             return [*actions, LogInfo(msg='no cell given: the visualizer is not started')]
-        actions.append(self._node('visualizer', self._framed, on_exit=None))
-        if self._cell.plane.tip:
+        has_frames = self._text('frames') != 'false' and (self._on('simulate') or self._on('frames'))
+        urdf = {'publish_urdf': True} if has_frames else {}
+        actions.append(self._node('visualizer', urdf | self._framed, on_exit=None))
+        if has_frames and self._cell.plane.tip:
             actions.append(LogInfo(msg='the robot of robot.plane has frames of its own: none are published'))
-        elif self._on('frames') and _is_installed('robot_state_publisher'):
+        elif has_frames and _is_installed('robot_state_publisher'):
             actions.append(self._robot_state_publisher())
-        elif self._on('frames'):
+        elif has_frames:
             actions.append(LogInfo(msg='robot_state_publisher is not installed: markers are shown, frames are not'))
         return [*actions, *self._rviz()]
 
@@ -118,9 +170,16 @@ class CellNodes:
             raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
         if self._on('run') and not self._text('cell'):
             raise RuntimeError('run:=true needs the cell description, with the limits of the joints: cell:=/path')
+        if self._on('use_action') and not self._text('controller'):
+            raise RuntimeError(
+                'use_action:=true needs the name of the controller: controller:=/joint_trajectory_controller'
+            )
         parts = ('simulate', 'record', 'calibrate', 'show', 'compensate', 'track', 'watch', 'run')
         if not any(map(self._on, parts)):
             raise RuntimeError(f'nothing to start: {", ".join(parts[:-1])} and {parts[-1]} are all false')
+        for name in ('params', 'preload'):
+            if self._text(name) and not Path(self._text(name)).is_file():
+                raise RuntimeError(f'{name}:={self._text(name)}: there is no such file; check the path')
         self._cell = _cell_description(self._text('cell'))
         if self._on('rviz') and not _is_installed('rviz2'):
             raise RuntimeError('rviz:=true, but rviz2 is not installed: apt install ros-jazzy-rviz2')
@@ -131,8 +190,7 @@ class CellNodes:
             commanded = {'commanded': True} if self._on('run') else {}
             yield self._node('contact_simulator', given | commanded | self._framed)
         if self._on('record'):
-            places = self._given(recordings=str).values()
-            yield self._node('collector', self._given(autostart=bool) | dict(zip(['output'], places, strict=False)))
+            yield self._node('collector', self._given(autostart=bool) | self._folder('recordings'))
         if self._on('calibrate'):
             named = self._given(output=str, recording=str)
             yield self._node('calibrator', named, *filter(None, [self._text('preload')]))
@@ -143,9 +201,11 @@ class CellNodes:
         if self._on('watch'):
             yield self._node('monitor', calibration)
         if self._on('run'):
-            places = self._given(recordings=str).values()
-            output = dict(zip(['output'], places, strict=False))
-            yield self._node('touch_runner', calibration | output | self._framed)
+            places = {**self._given(output=str), **self._folder('recordings')}
+            given = places | self._given(patience=float, max_touches=int)
+            if self._on('use_action'):
+                given['action'] = f'{self._text("controller")}/follow_joint_trajectory'
+            yield self._node('touch_runner', calibration | given | self._framed)
 
     def _calibration(self) -> dict[str, Any]:
         """For the nodes that use one: the file given, else the one that was written with the preloaded parameters.
@@ -162,17 +222,16 @@ class CellNodes:
 
     def _node(self, name: str, values: dict[str, Any], *files: str, **more: Any) -> Node:
         given = self._given(cell=str, use_sim_time=bool) | values
+        self.nodes.append(f'/{self._prefix}{name}')
+        sections = sections_of(self.params) if self.params else []
+        params = [self.params] if any(is_for(each, self.nodes[-1]) for each in sections) else []
         enclave = ['--enclave', f'{self._text("enclaves")}/{name}']
         return self._any_node(
             PACKAGE,
             name,
-            parameters=[
-                PathJoinSubstitution([CONFIG, 'nodes.yaml']),
-                *filter(None, [self._text('params')]),
-                *files,
-                *filter(None, [given]),
-            ],
+            parameters=[PathJoinSubstitution([CONFIG, 'nodes.yaml']), *params, *files, *filter(None, [given])],
             ros_arguments=['--log-level', self._text('log_level'), *enclave],
+            remappings=self._moved,
             respawn=self._respawn,
             respawn_delay=RESPAWN_DELAY,
             **{'on_exit': self._note_end, **more},
@@ -218,6 +277,12 @@ class CellNodes:
         return [LogInfo(msg=said), EmitEvent(event=of_this_cell)]
 
     @property
+    def _moved(self) -> list[tuple[str, str]]:
+        """Where trajectories go to."""
+        controller = self._text('controller')
+        return [('joint_trajectory', f'{controller}/joint_trajectory')] if controller else []
+
+    @property
     def _framed(self) -> dict[str, str]:
         return {'frame_prefix': self._prefix} if self._prefix else {}
 
@@ -228,15 +293,19 @@ class CellNodes:
         return f'{namespace}/' if namespace else ''
 
     def _text(self, name: str) -> str:
-        return str(LaunchConfiguration(name).perform(self._context)).strip()
+        return self._values[name]
 
     def _on(self, name: str) -> bool:
         return self._text(name) == 'true'
 
+    def _folder(self, name: str) -> dict[str, ParameterValue]:
+        """An argument as the parameter `output`, where it is given."""
+        return dict.fromkeys(['output'], *self._given(**{name: str}).values()) if self._text(name) else {}
+
     def _given(self, **kinds: Any) -> dict[str, ParameterValue]:
         """Those of the arguments that are given, as parameters of these types."""
         return {
-            name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+            name: ParameterValue(TextSubstitution(text=self._text(name)), value_type=kind)
             for name, kind in kinds.items()
             if self._text(name)
         }

@@ -69,6 +69,7 @@ class CellNode(Node):
     Attributes:
         rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
             takes all waiting messages of a topic at once needs less time if several are waiting.
+        stated: what `parameters.yaml` says of each of its parameters, by name.
         exit_status: set by a node that has done what it had to, and ends; also by `close`.
     """
 
@@ -77,11 +78,13 @@ class CellNode(Node):
 
     def __init__(self, name: str = '') -> None:
         super().__init__(name)
-        self._stated = PARAMETERS[name]
-        for each, stated in self._stated.items():
+        self.stated = PARAMETERS[name]
+        for each, stated in self.stated.items():
             if 'default' in stated:
                 self.declare(each, stated['default'])
         self.add_on_set_parameters_callback(self._refuse_parameters)
+        self._time = 0
+        self.every(5.0, self._look_at_clock)
 
     def declare(self, name: str, default: Any) -> Any:
         """Declares a parameter of the type of its default, and gives its value.
@@ -93,7 +96,7 @@ class CellNode(Node):
         Raises:
             ParameterError: the node was started with a value that is not valid.
         """
-        stated = self._stated[name]
+        stated = self.stated[name]
         is_fixed, range = not stated.get('changes'), stated.get('range')
         descriptor = ParameterDescriptor(description=stated['meaning'], read_only=is_fixed)
         if range and isinstance(default, float):
@@ -116,7 +119,7 @@ class CellNode(Node):
         Raises:
             ParameterError: it is none of the choices.
         """
-        choices = self._stated.get(name, {}).get('choices')
+        choices = self.stated.get(name, {}).get('choices')
         if choices and value not in choices:
             expected = ', '.join(filter(None, choices))
             raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}')
@@ -204,6 +207,14 @@ class CellNode(Node):
             tare: takes it as zero and returns it, (x, y), N; an error says why it cannot.
         """
         self.serve('tare', lambda: 'zero of the force: ({:.4g}, {:.4g}) N'.format(*tare()))
+
+    def _look_at_clock(self) -> None:
+        """Says that simulated time, on which all waits, does not pass."""
+        before, self._time = self._time, self.now()
+        if before == self._time and self.get_clock().ros_time_is_active:
+            what = 'stands still' if before else 'is silent'
+            remedy = 'start what publishes it, or leave use_sim_time out'
+            self.get_logger().warning(f'use_sim_time is true, and /clock {what}: {remedy}', **LASTING)
 
     def say(self, level: bytes, message: str) -> None:
         """Logs a message at the level of a status."""

@@ -11,6 +11,9 @@ from __future__ import annotations
 import gc
 import signal
 import sys
+from collections.abc import Sequence
+from itertools import chain, pairwise
+from pathlib import Path
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
@@ -18,9 +21,10 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from scara_kinetostatic.errors import ScaraKinetostaticError, naming_missing_libraries
-from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError, did_you_mean, naming_missing_libraries
+from scara_kinetostatic.nodes.cell_node import PARAMETERS, CellNode
 from scara_kinetostatic.nodes.executables import ENDING
+from scara_kinetostatic.nodes.parameter_files import is_for, sections_of
 
 
 def run(kind: type[CellNode]) -> int:
@@ -37,7 +41,11 @@ def run(kind: type[CellNode]) -> int:
     for number in ENDING:
         signal.signal(number, lambda received, _: signals.append(received))
     problem = ''
+    files = [file for option, file in pairwise(sys.argv) if option == '--params-file']
     try:
+        for file in files:
+            if not Path(file).is_file():
+                raise ParameterError(f'--params-file {file}', 'there is no such file', 'check the path')
         with naming_missing_libraries():
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             node: CellNode = kind()
@@ -50,6 +58,7 @@ def run(kind: type[CellNode]) -> int:
         rclpy.try_shutdown()
         _ignore_signals()
         return 2
+    say_what_is_unused(node, files)
     gc.freeze()  # what is there stays and is no garbage
     gc.set_threshold(10_000)  # a search takes milliseconds
     executor = SingleThreadedExecutor()
@@ -68,6 +77,18 @@ def run(kind: type[CellNode]) -> int:
         rclpy.try_shutdown()
         _ignore_signals()
     return node.exit_status or 0
+
+
+def say_what_is_unused(node: CellNode, files: Sequence[str]) -> None:
+    """Warns of parameter files without a section for a node, and of parameters given that no node has."""
+    name, say = node.get_fully_qualified_name(), node.get_logger().warning
+    for file in files:
+        sections = sections_of(file)
+        if not any(is_for(section, name) for section in sections):
+            say(f'{file}: nothing in it is for {name}; it is for {" ".join(sections)}')
+    for given in sorted(node._parameter_overrides.keys() - {*chain(*PARAMETERS.values())}):
+        if not (node.has_parameter(given) or given.startswith(('calibrated', 'calibration.'))):  # a result is for any node
+            say(f'parameter {given}: no node has it; {did_you_mean(given, node.stated)}')
 
 
 def _ignore_signals() -> None:

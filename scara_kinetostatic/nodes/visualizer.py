@@ -4,8 +4,9 @@ Publishes `visualization_msgs/MarkerArray` in the frame of `robot.plane`, else `
 it: on `~/markers`, latched, the objects and the touches with their forces, on `~/arm` the nominal and the calibrated
 arm at the present joint angles, both rigid. A force F is an arrow of length `force_scale` ‖F‖ that ends where the tip
 was.
-The URDF of the nominal arm is on `robot_description`, latched; where the cell states the link that carries the tip
-(`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
+With `publish_urdf` the URDF of the nominal arm is on `robot_description`, latched; beside a driver that topic is the
+driver's. Where the cell states the link that carries the tip (`robot.plane.tip`), the robot has a URDF of its own, and
+this one is not published.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`. A result that the calibrator does not publish, as it
 is unfit, does not change the calibrated arm.
@@ -62,15 +63,15 @@ class Visualizer(CellNode):
         self._changed = True
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
-        self._description = self.create_publisher(String, 'robot_description', LATCHED)
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
         topic = self._cell.sensor.joint_states
         self._joint_states = self.create_subscription(JointState, topic, self._note_joints, newest, raw=True)
         self._reader = JointReader(self._cell.joint_names)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
-        if not self._cell.plane.tip:
-            self._description.publish(String(data=arm_urdf('scara', self._cell, self._cell.nominal)))
+        if self.value('publish_urdf') and not self._cell.plane.tip:
+            description = self.create_publisher(String, 'robot_description', LATCHED)
+            description.publish(String(data=arm_urdf('scara', self._cell, self._cell.nominal)))
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
 

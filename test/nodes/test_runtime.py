@@ -9,11 +9,16 @@ from time import monotonic, sleep
 
 import pytest
 import yaml
+from builtin_interfaces.msg import Time
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
+from rosgraph_msgs.msg import Clock
 
+from scara_kinetostatic.nodes import cell_node
+from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.demo import free_domain, is_free
+from scara_kinetostatic.nodes.runtime import say_what_is_unused
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 
@@ -68,11 +73,21 @@ def test_a_domain_in_which_a_node_discovers_this_machine_alone_is_not_free(bench
     assert not is_free(domain)
 
 
-def test_a_wrong_cell_is_one_line_and_status_2(tmp_path):
+@pytest.mark.parametrize(('given', 'line'), [
+    (['-p', 'cell:={wrong}'], '{wrong}'),
+    (['--params-file', '/no/file.yaml'], '--params-file /no/file.yaml: there is no such file; check the path'),
+])  # fmt: skip
+def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tmp_path):
     wrong = tmp_path / 'cell.yaml'
     wrong.write_text('robot: {}')
     ended = subprocess.run(
-        [sys.executable, '-c', START.format(name='collector'), '--ros-args', '-p', f'cell:={wrong}'],
+        [
+            sys.executable,
+            '-c',
+            START.format(name='collector'),
+            '--ros-args',
+            *(part.format(wrong=wrong) for part in given),
+        ],
         env=os.environ | {'ROS_DOMAIN_ID': str(free_domain())},
         capture_output=True,
         text=True,
@@ -80,4 +95,42 @@ def test_a_wrong_cell_is_one_line_and_status_2(tmp_path):
     )
     assert ended.returncode == 2
     assert len(ended.stderr.splitlines()) == 1
-    assert str(wrong) in ended.stderr
+    assert line.format(wrong=wrong) in ended.stderr
+
+
+SAID = {
+    'calibrator: {ros__parameters: {output: x}}': '{file}: nothing in it is for /left/collector; it is for /calibrator',
+    '/left: {collector: {ros__parameters: {autostart: false}}}': '',
+    '/**/collector: {ros__parameters: {autostart: false}}': '',
+    '/*/collector: {ros__parameters: {autostart: false}}': '',
+    '/left/collector: {ros__parameters: {autostrat: true}}':
+        "parameter autostrat: no node has it; did you mean 'autostart'?",
+    '/**: {ros__parameters: {speed: 0.1, calibrated.l1: 0.3, calibration.rank: 13}}': '',  # of other nodes, a result
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('text', SAID)
+def test_parameters_that_nothing_takes_are_said(bench, tmp_path, capfd, text):
+    file = tmp_path / 'own.yaml'
+    file.write_text(text)
+    node = bench(Collector, '--params-file', str(file), '-r', '__ns:=/left').node
+    capfd.readouterr()
+    say_what_is_unused(node, [str(file)])
+    said = capfd.readouterr().err
+    assert SAID[text].format(file=file) in said
+    assert len(said.splitlines()) == bool(SAID[text])
+
+
+def test_a_clock_that_is_silent_or_stands_still_is_said(bench, capfd, monkeypatch):
+    monkeypatch.setitem(cell_node.LASTING, 'throttle_duration_sec', 0.0)
+    b, said = bench(Collector, use_sim_time=True), ''
+    clock = b.robot.create_publisher(Clock, '/clock', 10)
+
+    def has(text):
+        nonlocal said
+        said += capfd.readouterr().err
+        return text in said
+
+    b.wait(lambda: has('use_sim_time is true, and /clock is silent: start what publishes it'))
+    b.wait(lambda: b.node.now(), lambda: clock.publish(Clock(clock=Time(sec=3))))
+    b.wait(lambda: has('use_sim_time is true, and /clock stands still'))

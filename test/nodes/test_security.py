@@ -70,7 +70,7 @@ def _resolved(name: str, node: str, namespace: str) -> str:
 @pytest.mark.parametrize('name', KINDS)
 def test_a_node_may_do_what_it_does_and_nothing_else(bench, name):
     enclave = f'/scara_kinetostatic/left/{name}'
-    node = bench(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True).node
+    node = bench(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True, publish_urdf=True).node
     assert (name, '/left', enclave) in node.get_node_names_and_namespaces_with_enclaves()
     has = {rule: {topic for topic, _ in ask(node, name, '/left')} for rule, ask in RULES.items()}
     if name in ('collector', 'contour_tracker', 'touch_runner', 'compensator') and TFMessage is None:
@@ -87,7 +87,7 @@ def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it():
     assert set(enclaves) == {f'/scara_kinetostatic/{name}' for name in KINDS}
     for path, enclave in enclaves.items():
         assert [profile.attrib['node'] for profile in enclave.iterfind('profiles/profile')] == [path.rpartition('/')[2]]
-    assert "argument('enclaves', '/scara_kinetostatic'" in (ROOT / 'launch/cell.launch.py').read_text()
+    assert "'enclaves': ('/scara_kinetostatic'," in (ROOT / 'launch/cell.launch.py').read_text()
 
 
 @pytest.mark.parametrize('namespace', ['', '/left'])

@@ -55,7 +55,8 @@ class Cell(Bench):
 
 @pytest.fixture
 def cell(bench: Callable[..., Any], cell_file: Path) -> Cell:
-    return bench(Visualizer, '-r', '__ns:=/left', on=Cell, cell=cell_file, frame_prefix='left/')
+    given = {'cell': cell_file, 'frame_prefix': 'left/', 'publish_urdf': True}
+    return bench(Visualizer, '-r', '__ns:=/left', on=Cell, **given)
 
 
 def test_it_shows_touches_and_the_arm_before_and_after_a_calibration(cell: Cell, arm: CalibratedArm) -> None:
@@ -93,6 +94,11 @@ def test_robot_description_is_the_nominal_arm(cell: Cell) -> None:
     cell.wait(lambda: 'robot_description' in cell.heard)
     robot = ElementTree.fromstring(cell.heard['robot_description'].data)
     assert [link.attrib['name'] for link in robot.iterfind('link')] == ['base_link', 'link1', 'link2', 'tool0']
+
+
+def test_beside_a_driver_the_description_is_the_drivers(bench: Callable[..., Any], cell_file: Path) -> None:
+    node = bench(Visualizer, cell=cell_file).node
+    assert node.count_publishers('robot_description') == 0
 
 
 def test_objects_are_where_the_cell_says() -> None:
