@@ -30,8 +30,8 @@ from launch_ros.substitutions import FindPackageShare
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.urdf import arm_urdf
+from scara_kinetostatic.files.yaml_file import node_sections
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
-from scara_kinetostatic.nodes.parameter_files import is_for, sections_of
 
 PACKAGE = 'scara_kinetostatic'
 CONFIG = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config'])
@@ -122,7 +122,7 @@ def actions_of(context: LaunchContext, *cells: CellNodes, names: Iterable[str] =
     vain = [f'{name}: no such argument; did you mean {close[0]}?' for name, close in found.items() if close]
     nodes = [name for cell in cells for name in cell.nodes]
     for file in filter(None, {cell.params for cell in cells}):
-        lost = [each for each in sections_of(file) if not any(is_for(each, name) for name in nodes)]
+        lost = [each for each, pattern in node_sections(file).items() if not any(map(pattern.match, nodes))]
         vain += [f'{file}: nothing started has the name {each}; there is {" ".join(nodes)}' for each in lost]
     return [*(LogInfo(msg=f'WARNING: {said}') for said in vain), *actions]
 
@@ -223,8 +223,8 @@ class CellNodes:
     def _node(self, name: str, values: dict[str, Any], *files: str, **more: Any) -> Node:
         given = self._given(cell=str, use_sim_time=bool) | values
         self.nodes.append(f'/{self._prefix}{name}')
-        sections = sections_of(self.params) if self.params else []
-        params = [self.params] if any(is_for(each, self.nodes[-1]) for each in sections) else []
+        sections = node_sections(self.params) if self.params else {}
+        params = [self.params] if any(pattern.match(self.nodes[-1]) for pattern in sections.values()) else []
         enclave = ['--enclave', f'{self._text("enclaves")}/{name}']
         return self._any_node(
             PACKAGE,

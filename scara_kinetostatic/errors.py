@@ -20,9 +20,9 @@ from pathlib import Path
 
 PYPI = ('rosbags', 'mcap', 'lz4', 'zstandard')
 """What reads and writes recordings, by the names of pip; apt does not have all of them."""
-_PIP = {'yaml': 'pyyaml', 'urdf_parser_py': 'urdfdom_py', 'mujoco': "'mujoco>=3.13'"}
-_APT = {'urdf_parser_py': 'ros-jazzy-urdfdom-py', 'mujoco': ''}
-"""Names of modules by which pip and apt install them, where that is not the module's and `python3-` with it."""
+_PIP = {'yaml': 'pyyaml', 'urdf_parser_py': 'urdfdom_py', 'mujoco': "'mujoco>=3.13'", 'control_msgs': ''}
+_APT = {**dict.fromkeys((*PYPI, 'mujoco'), ''), 'urdf_parser_py': 'ros-jazzy-urdfdom-py'}
+"""Names by which pip and apt install a module, empty for not at all; else its own, and that after `python3-`."""
 
 
 def one_line(text: str) -> str:
@@ -105,18 +105,16 @@ def naming_missing_libraries() -> Iterator[None]:
         yield
     except ImportError as error:
         name = str(error.name).partition('.')[0]
-        own = isinstance(error, MissingLibraryError) or name in (__package__, 'None', *sys.stdlib_module_names)
-        if own:
+        if isinstance(error, MissingLibraryError) or name in (__package__, 'None', *sys.stdlib_module_names):
             raise
-        names = [one for one in (PYPI if name in PYPI else ()) if find_spec(one) is None] or [name]
-        remedy = f'pip install {" ".join(_PIP.get(one, one) for one in names)}'
+        names = [one for one in PYPI if name in PYPI and find_spec(one) is None] or [name]
+        apt, pip = _APT.get(name, f'python3-{name}'), ' '.join(_PIP.get(one, one) for one in names)
         if name == 'rclpy' or name.endswith(('_msgs', '_interfaces')):
-            wheels = "pip install 'scara_kinetostatic[ros]'"
-            remedy = f'source /opt/ros/jazzy/setup.bash, or apt install ros-jazzy-{name.replace("_", "-")}, or {wheels}'
-        elif apt := '' if name in PYPI else _APT.get(name, f'python3-{name}'):
-            remedy += f', or apt install {apt}'
+            apt, pip = f'ros-jazzy-{name.replace("_", "-")}', pip and "'scara_kinetostatic[ros]'"
+        ways = ['source /opt/ros/jazzy/setup.bash'] if 'ros]' in pip else []
+        ways += [f'{tool} install {what}' for tool, what in (('pip', pip), ('apt', apt)) if what]
         problem = 'not installed' if isinstance(error, ModuleNotFoundError) else f'cannot be imported: {error}'
-        raise MissingLibraryError(' '.join(names), problem, remedy) from error
+        raise MissingLibraryError(' '.join(names), problem, ', or '.join(ways)) from error
 
 
 def expect(value: object, kind: type, name: str, remedy: str = '') -> None:

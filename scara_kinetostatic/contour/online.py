@@ -21,8 +21,9 @@ from scara_kinetostatic.contour.result import Contour, Outline, Parts, add_pass,
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Sensor
+from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.online import check_free
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals
@@ -119,11 +120,14 @@ class OnlineContour:
         """Takes the mean force of the last so many ns as zero, (2,), N; nothing must be touched.
 
         Raises:
-            UnsupportedDataError: there is no force yet.
+            UnsupportedDataError: there is no force yet, or the tip presses against an object that is known.
         """
         if not len(recent := self._pair.wrench.latest(span)):
             raise UnsupportedDataError('there is no force yet')
-        self.zero = recent.mean(axis=0)
+        zero, sign = recent.mean(axis=0), -1.0 if self._sensor.sign is SensorSign.ON_ROBOT else 1.0
+        if len(joints := self._pair.joints.latest(0)):
+            check_free(self.arm, joints[-1:], sign * (zero[None] - (0.0 if self.zero is None else self.zero)))
+        self.zero = zero
         return self.zero
 
     def poll(self) -> bool:

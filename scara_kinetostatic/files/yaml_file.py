@@ -16,7 +16,8 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -24,7 +25,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.atomic import read_file
 from scara_kinetostatic.files.columns import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
@@ -146,6 +147,27 @@ def parse_strings(text: str) -> Any:
         return yaml.load(text, Loader=_StringLoader)
     except yaml.YAMLError as error:
         raise ValueError(_reason(error)) from error
+
+
+def node_sections(path: str | Path) -> dict[str, re.Pattern[str]]:
+    """The sections of a parameter file of ROS: the name of each, and what the full names match of the nodes it is for.
+
+    Args:
+        path: the file. `*` stands for one name, `**` for any number of them; where it is not valid, it has none.
+
+    Raises:
+        ParameterError: it cannot be read.
+    """
+
+    def walk(tree: Any, name: str) -> Iterator[str]:
+        for key, value in tree.items() if isinstance(tree, dict) else ():
+            yield from [name] if key == 'ros__parameters' else walk(value, f'{name}/{key.strip("/")}')
+
+    text = read_text(path, ParameterError)
+    with suppress(ValueError):
+        names = {name: re.escape(name).replace(r'/\*\*', r'(/\w+)*') for name in walk(parse_strings(text), '')}
+        return {name: re.compile(pattern.replace(r'/\*', r'/\w+') + r'\Z') for name, pattern in names.items()}
+    return {}
 
 
 def _check_events(text: str, loader: Any, most: int) -> None:

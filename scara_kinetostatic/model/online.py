@@ -18,11 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Force,
@@ -67,6 +70,31 @@ def motion_senses(joints: Floats) -> Floats:
     """
     sense = MotionSense()
     return np.array([sense.note(*pair) for pair in joints.tolist()]).reshape(-1, 2)
+
+
+def check_free(arm: CalibratedArm, joints: Floats, reported: Floats) -> None:
+    """Check that the tip does not press against an object of the cell, as where the zero of the force is taken.
+
+    A force r is reported, f = A(Q, L̄) is that of the object at these joint angles. What is left for the zero is r where
+    nothing is touched, r - f where the object is; the smaller of both is believed.
+
+    Args:
+        arm: the calibrated arm.
+        joints: Q, (1, 2), rad.
+        reported: on the object, in the sensor's frame, less the zero where one is known, (1, 2), N.
+
+    Raises:
+        UnsupportedDataError: it presses.
+    """
+    p, surfaces = arm.model.parameters, arm.cell.surfaces
+    near = surfaces.distances(forward(p, joints)).argmin(axis=1)
+    known = TouchMetadata.plain(1)._replace(disc=surfaces.object[near], posture=posture(p, joints), surface=near)
+    places = surfaces.centers[near], surfaces.radii[near], arm.cell.gripper_sign
+    found = contact(arm.model, joints, *places, metadata=known, tangents=surfaces.tangents[near])
+    force, remedy = force_on_object(arm, reported, joints), 'move it away, then tare'
+    if (np.hypot(*(force - found.force).T) < np.hypot(*force.T)).any():
+        pressed = f'{arm.cell.discs[int(surfaces.object[near[0]])].name!r} with {found.magnitude[0]:.2g} N'
+        raise UnsupportedDataError(f'by its joint angles the tip presses against {pressed}', remedy)
 
 
 WIDTH = 2.0

@@ -83,7 +83,7 @@ class CellNode(Node):
             if 'default' in stated:
                 self.declare(each, stated['default'])
         self.add_on_set_parameters_callback(self._refuse_parameters)
-        self._time = 0
+        self._last_time = 0
         self.every(5.0, self._look_at_clock)
 
     def declare(self, name: str, default: Any) -> Any:
@@ -210,8 +210,8 @@ class CellNode(Node):
 
     def _look_at_clock(self) -> None:
         """Says that simulated time, on which all waits, does not pass."""
-        before, self._time = self._time, self.now()
-        if before == self._time and self.get_clock().ros_time_is_active:
+        before, self._last_time = self._last_time, self.now()
+        if before == self._last_time and self.get_clock().ros_time_is_active:
             what = 'stands still' if before else 'is silent'
             remedy = 'start what publishes it, or leave use_sim_time out'
             self.get_logger().warning(f'use_sim_time is true, and /clock {what}: {remedy}', **LASTING)

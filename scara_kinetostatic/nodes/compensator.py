@@ -15,8 +15,9 @@ service has both and joint angles (those of `std_srvs` and `nav_msgs` do not, `m
 is the one message that has both. The answer has its stamp.
 
 The calibration is that of the parameter `calibration`, then each newer one that the calibrator publishes.
-It is exchanged between two samples. `~/tare` takes the present force as zero. What is missing, stale, extrapolated or
-not tared is said on `/diagnostics`; without a recent force or a calibration that may be used there is no pose.
+It is exchanged between two samples. `~/tare` takes the present force as zero, but not while the tip presses against an
+object of the cell. What is missing, stale, extrapolated or not tared is said on `/diagnostics`; without a recent force
+or a calibration that may be used there is no pose.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.online import MotionSense, OnlineArm
+from scara_kinetostatic.model.online import MotionSense, OnlineArm, check_free
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import UnusableMessageError, planar
@@ -162,14 +163,16 @@ class Compensator(CellNode):
         """Takes the mean of the last forces as zero; nothing must be touched.
 
         Raises:
-            UnsupportedDataError: there are too few.
+            UnsupportedDataError: there are too few, or the tip presses against an object that is known.
         """
         since = monotonic() - 0.5
         recent = [(x, y) for x, y, when in self._forces if when > since]
         if len(recent) < 3:
             raise UnsupportedDataError(f'{len(recent)} forces in the last 0.5 s')
-        x, y = np.mean(recent, axis=0).tolist()
-        self._zero = x, y
+        mean = np.mean(recent, axis=0)
+        if self._online is not None and self._joints is not None:
+            check_free(self._online.arm, np.array([self._joints[:2]]), mean[None] - (self._zero or (0.0, 0.0)))
+        self._zero = float(mean[0]), float(mean[1])
         return self._zero
 
     def _of_request(self, request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:

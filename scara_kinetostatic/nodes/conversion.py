@@ -169,16 +169,8 @@ def joint_trajectory(
 
 
 def follow_joint_trajectory() -> Any:
-    """The type of the action.
-
-    Raises:
-        InputError: `control_msgs` cannot be imported.
-    """
-    try:
-        return import_module('control_msgs.action').FollowJointTrajectory
-    except ImportError as error:
-        remedy = 'apt install ros-jazzy-control-msgs, or leave action empty and command by joint_trajectory'
-        raise InputError('action', 'control_msgs cannot be imported', remedy) from error
+    """The type of the action, in `control_msgs`."""
+    return import_module('control_msgs.action').FollowJointTrajectory
 
 
 def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> geometry.PoseStamped:

@@ -9,11 +9,11 @@ restored its handlers; so at the end both signals are ignored.
 from __future__ import annotations
 
 import gc
+import re
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from itertools import chain, pairwise
-from pathlib import Path
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
@@ -21,10 +21,10 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError, did_you_mean, naming_missing_libraries
+from scara_kinetostatic.errors import ScaraKinetostaticError, did_you_mean, naming_missing_libraries
+from scara_kinetostatic.files.yaml_file import node_sections
 from scara_kinetostatic.nodes.cell_node import PARAMETERS, CellNode
 from scara_kinetostatic.nodes.executables import ENDING
-from scara_kinetostatic.nodes.parameter_files import is_for, sections_of
 
 
 def run(kind: type[CellNode]) -> int:
@@ -41,11 +41,8 @@ def run(kind: type[CellNode]) -> int:
     for number in ENDING:
         signal.signal(number, lambda received, _: signals.append(received))
     problem = ''
-    files = [file for option, file in pairwise(sys.argv) if option == '--params-file']
     try:
-        for file in files:
-            if not Path(file).is_file():
-                raise ParameterError(f'--params-file {file}', 'there is no such file', 'check the path')
+        files = {file: node_sections(file) for option, file in pairwise(sys.argv) if option == '--params-file'}
         with naming_missing_libraries():
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             node: CellNode = kind()
@@ -79,15 +76,20 @@ def run(kind: type[CellNode]) -> int:
     return node.exit_status or 0
 
 
-def say_what_is_unused(node: CellNode, files: Sequence[str]) -> None:
-    """Warns of parameter files without a section for a node, and of parameters given that no node has."""
+def say_what_is_unused(node: CellNode, files: Mapping[str, Mapping[str, re.Pattern[str]]]) -> None:
+    """Warns of parameter files without a section for a node, and of parameters given that no node has.
+
+    Args:
+        node: that was started with them.
+        files: the sections of each, see `node_sections`.
+    """
     name, say = node.get_fully_qualified_name(), node.get_logger().warning
-    for file in files:
-        sections = sections_of(file)
-        if not any(is_for(section, name) for section in sections):
-            say(f'{file}: nothing in it is for {name}; it is for {" ".join(sections)}')
-    for given in sorted(node._parameter_overrides.keys() - {*chain(*PARAMETERS.values())}):
-        if not (node.has_parameter(given) or given.startswith(('calibrated', 'calibration.'))):  # a result is for any node
+    for file, sections in files.items():
+        if not any(pattern.match(name) for pattern in sections.values()):
+            say(f'{file}: nothing in it is for {name}; it has {" ".join(sections) or "no section"}')
+    of_any = {*chain(*PARAMETERS.values())}  # a section may be for several nodes, a result for all
+    for given in sorted(node._parameter_overrides.keys() - of_any):
+        if not (node.has_parameter(given) or given.startswith(('calibrated', 'calibration.'))):
             say(f'parameter {given}: no node has it; {did_you_mean(given, node.stated)}')
 
 

@@ -81,7 +81,7 @@ class Controller:
         is_action: whether it is commanded by goals.
 
     Raises:
-        InputError: `control_msgs` cannot be imported.
+        ImportError: of `control_msgs`.
     """
 
     def __init__(self, node: Node, action: str, failed: Callable[[str, bool], None]) -> None:

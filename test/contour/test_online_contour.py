@@ -6,13 +6,16 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from contour.slides import AROUND, DISC, SQUARE, arm, rested, since, slides, with_force, with_joints
+from contour.slides import AROUND, CELL, DISC, SQUARE, arm, rested, since, slides, with_force, with_joints
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
 from scara_kinetostatic.contour.result import Outline
 from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.interface import compensate
 from scara_kinetostatic.model.arrays import rms
+from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -150,3 +153,16 @@ def test_a_sensor_with_a_large_zero() -> None:
     for stamp in streams.wrench.stamp[:30].tolist():
         untared.add_wrench(stamp, [3.0, 4.0], stamp)
     assert untared.tare(10**9) == pytest.approx([3.0, 4.0])
+
+
+@pytest.mark.parametrize('sign', SensorSign)
+def test_no_zero_is_taken_on_a_known_object(sign: SensorSign) -> None:
+    disc, force = CELL.discs[0], [0.0, 25.0]
+    online = OnlineContour(arm(), Sensor(sign=sign))
+    (joints,) = compensate(arm(), (disc.x, disc.y - disc.radius), force, 'left').joints
+    for stamp in range(1, 100):
+        online.add_joint_state(stamp, joints, stamp)
+        online.add_wrench(stamp, force if sign is SensorSign.ON_OBJECT else [0.0, -25.0], stamp)
+    with pytest.raises(UnsupportedDataError, match="presses against 'disc_1' with 25 N"):
+        online.tare(10**9)
+    assert online.zero is None

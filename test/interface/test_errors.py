@@ -33,8 +33,9 @@ def test_an_error_comes_from_another_process_as_it_is(error: ScaraKinetostaticEr
     ('lxml', 'pip install lxml, or apt install python3-lxml'),
     ('urdf_parser_py.urdf', 'pip install urdfdom_py, or apt install ros-jazzy-urdfdom-py'),
     ('mujoco', "pip install 'mujoco>=3.13'"),
-    ('control_msgs.action', 'source /opt/ros/jazzy/setup.bash, or apt install ros-jazzy-control-msgs, or '
-     "pip install 'scara_kinetostatic[ros]'"),
+    ('control_msgs.action', 'apt install ros-jazzy-control-msgs'),
+    ('nav_msgs.msg', "source /opt/ros/jazzy/setup.bash, or pip install 'scara_kinetostatic[ros]', or "
+     'apt install ros-jazzy-nav-msgs'),
 ])  # fmt: skip
 def test_a_library_that_is_missing_is_named_with_what_installs_it(monkeypatch, module, remedy):
     name = module.partition('.')[0]

@@ -14,7 +14,8 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors,
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.online import OnlineArm
+from scara_kinetostatic.model.online import OnlineArm, check_free
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import G_EE, P_EE
 
 EFFECTS = (
@@ -114,3 +115,30 @@ def test_the_errors_of_the_sensor_are_removed(arm: CalibratedArm, frame: SensorF
     assert one == pytest.approx(tuple(force[0]), abs=1e-9)
     angle = joints.sum(axis=1) + arm.model.parameters.theta1 + arm.model.parameters.theta2
     np.testing.assert_allclose(own, rotate(force, -angle) if frame is SensorFrame.TOOL else force)
+
+
+BLOCK = Outline('block', ((0.10, 0.35), (0.20, 0.35), (0.20, 0.45), (0.10, 0.45)))
+BIAS = np.array([1.2, -0.8])
+
+
+@pytest.mark.parametrize(('pressed', 'off', 'reported', 'name'), [
+    (25.0, 0.0, 25.0, 'disc_1'), (25.0, 0.0, 25.0, 'block'), (5.0, 0.0, 5.0, 'disc_1'), (5.0, 0.0, 5.0, 'block'),
+    (0.0, 2e-4, 0.0, ''), (0.0, 2e-4, 25.0, ''), (0.0, -3e-3, 0.0, ''),  # a large zero; an object that is not there
+])  # fmt: skip
+def test_the_tip_presses_against_a_known_object(arm, pressed, off, reported, name) -> None:
+    """By the joint angles, and by a force that has the zero of the sensor in it."""
+    disc = PAPER_CELL.discs[0]
+    place, out = np.array([disc.x, disc.y - disc.radius]), np.array([0.0, -1.0])
+    if name == 'block':
+        arm, place = (
+            replace(arm, cell=replace(PAPER_CELL, discs=(disc, BLOCK), tip_radius=0.005)),
+            np.array([0.15, 0.345]),
+        )
+    joints = sk.compensate(arm, place + off * out, -pressed * out, 'left').joints
+    for bias in (0.0, BIAS):
+        force = np.array([-reported * out]) + bias
+        if not name:
+            check_free(arm, joints, force)
+            continue
+        with pytest.raises(sk.UnsupportedDataError, match=f"the tip presses against '{name}' with {pressed:.2g} N"):
+            check_free(arm, joints, force)

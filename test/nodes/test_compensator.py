@@ -261,6 +261,17 @@ def test_the_zero_of_the_force(b, arm):
     assert b.place == pytest.approx((free.x, free.y), abs=3e-4)  # the hysteresis of the dead bands
 
 
+def test_no_zero_is_taken_on_a_known_object(b, arm):
+    """25 N would move every pose by 0.35 mm; after a move away it is taken."""
+    disc, force = CELL.discs[0], (0.0, 25.0)
+    pressed = sk.compensate(arm, (disc.x, disc.y - disc.radius), force, 'left').joints[0]
+    b.wait(lambda: len(b.poses) > 5, partial(b.move, tuple(pressed), force))
+    answer = b.call('/compensator/tare', partial(b.move, tuple(pressed), force))
+    assert (answer.success, b.node._zero) == (False, None)
+    assert answer.message == "by its joint angles the tip presses against 'disc_1' with 25 N; move it away, then tare"
+    assert b.call('/compensator/tare', partial(b.move, force=(0.0, 0.0))).success
+
+
 def test_a_result_of_another_robot_is_refused(bench, arm):
     followed = bench().node._calibration
     followed.cell = replace(CELL, identification=Identification(robot='A 1'))

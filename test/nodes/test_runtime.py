@@ -14,6 +14,7 @@ from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 from rosgraph_msgs.msg import Clock
 
+from scara_kinetostatic.files.yaml_file import node_sections
 from scara_kinetostatic.nodes import cell_node
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
@@ -75,7 +76,7 @@ def test_a_domain_in_which_a_node_discovers_this_machine_alone_is_not_free(bench
 
 @pytest.mark.parametrize(('given', 'line'), [
     (['-p', 'cell:={wrong}'], '{wrong}'),
-    (['--params-file', '/no/file.yaml'], '--params-file /no/file.yaml: there is no such file; check the path'),
+    (['--params-file', '/no/file.yaml'], '/no/file.yaml: there is no such file; check the path'),
 ])  # fmt: skip
 def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tmp_path):
     wrong = tmp_path / 'cell.yaml'
@@ -99,7 +100,7 @@ def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tm
 
 
 SAID = {
-    'calibrator: {ros__parameters: {output: x}}': '{file}: nothing in it is for /left/collector; it is for /calibrator',
+    'calibrator: {ros__parameters: {output: x}}': '{file}: nothing in it is for /left/collector; it has /calibrator',
     '/left: {collector: {ros__parameters: {autostart: false}}}': '',
     '/**/collector: {ros__parameters: {autostart: false}}': '',
     '/*/collector: {ros__parameters: {autostart: false}}': '',
@@ -115,7 +116,7 @@ def test_parameters_that_nothing_takes_are_said(bench, tmp_path, capfd, text):
     file.write_text(text)
     node = bench(Collector, '--params-file', str(file), '-r', '__ns:=/left').node
     capfd.readouterr()
-    say_what_is_unused(node, [str(file)])
+    say_what_is_unused(node, {str(file): node_sections(file)})
     said = capfd.readouterr().err
     assert SAID[text].format(file=file) in said
     assert len(said.splitlines()) == bool(SAID[text])

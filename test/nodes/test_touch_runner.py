@@ -27,7 +27,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from benchmark.cell_nodes import DemoClient, NodeProcesses
-from scara_kinetostatic.errors import CellError, InputError, OutputError
+from scara_kinetostatic.errors import CellError, OutputError
 from scara_kinetostatic.nodes import touch_runner
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import joint_state, stamp_of, wrench
@@ -132,7 +132,7 @@ def test_without_a_robot_nothing_begins(bench, cell, tmp_path):
     ('limits', 'action', 'error', 'says'),
     [
         (None, '', CellError, 'limits of the joints are missing'),
-        (CELL.limits, 'arm/follow', InputError, 'control_msgs cannot be imported'),
+        (CELL.limits, 'arm/follow', ModuleNotFoundError, 'control_msgs'),
     ],
     ids=['limits', 'control_msgs'],
 )
