@@ -32,6 +32,10 @@ NODES = {
 }
 
 
+SWITCHED_ON = ('publish_urdf',)
+"""Parameters by which a node has an interface more, which is listed, too."""
+
+
 class _Open(type):
     """A class of which every attribute exists."""
 
@@ -107,7 +111,7 @@ class Recorder(StandIn):
             'range': [ranges[0].from_value, ranges[0].to_value] if ranges else None,
             'result': result,
         }
-        self._values[name] = None if result else value
+        self._values[name] = None if result else True if name in SWITCHED_ON else value
         return StandIn(value=value)
 
     def get_name(self) -> str:
