@@ -117,7 +117,12 @@ def values_in(context: LaunchContext) -> dict[str, str]:
 
 def actions_of(context: LaunchContext, *cells: CellNodes, names: Iterable[str] = ARGUMENTS) -> list[Any]:
     """What to start, and what is given in vain; `names` are those of the arguments."""
-    actions = [action for cell in cells for action in cell.actions()]
+    actions = []
+    for cell in cells:
+        try:
+            actions += cell.actions()
+        except RuntimeError as error:
+            raise RuntimeError(f'{cell.name}: {error}' if cell.name else str(error)) from error
     found = {name: get_close_matches(name, names, 1) for name in {*context.launch_configurations} - {*names}}
     vain = [f'{name}: no such argument; did you mean {close[0]}?' for name, close in found.items() if close]
     nodes = [name for cell in cells for name in cell.nodes]
@@ -131,12 +136,13 @@ class CellNodes:
     """The nodes of one cell, by the values of the arguments.
 
     Attributes:
+        name: the namespace, without slashes; may be empty.
         params: the parameter file; empty for none.
         nodes: full names of the nodes of this package that are started.
     """
 
     def __init__(self, values: Mapping[str, str]) -> None:
-        self._values, self.params = values, values['params']
+        self._values, self.params, self.name = values, values['params'], values['namespace'].strip('/')
         self.nodes: list[str] = []
         self._respawn = self._on('respawn')
         self._started: list[Node] = []
@@ -180,6 +186,8 @@ class CellNodes:
         for name in ('params', 'preload'):
             if self._text(name) and not Path(self._text(name)).is_file():
                 raise RuntimeError(f'{name}:={self._text(name)}: there is no such file; check the path')
+        if self.params and not node_sections(self.params):
+            raise RuntimeError(f'params:={self.params}: has no section of a node; write NODE: {{ros__parameters: …}}')
         self._cell = _cell_description(self._text('cell'))
         if self._on('rviz') and not _is_installed('rviz2'):
             raise RuntimeError('rviz:=true, but rviz2 is not installed: apt install ros-jazzy-rviz2')
@@ -289,8 +297,7 @@ class CellNodes:
     @property
     def _prefix(self) -> str:
         """Of the names of frames."""
-        namespace = self._text('namespace').strip('/')
-        return f'{namespace}/' if namespace else ''
+        return f'{self.name}/' if self.name else ''
 
     def _text(self, name: str) -> str:
         return self._values[name]

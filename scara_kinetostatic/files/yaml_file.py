@@ -153,7 +153,8 @@ def node_sections(path: str | Path) -> dict[str, re.Pattern[str]]:
     """The sections of a parameter file of ROS: the name of each, and what the full names match of the nodes it is for.
 
     Args:
-        path: the file. `*` stands for one name, `**` for any number of them; where it is not valid, it has none.
+        path: the file. `*` stands for one name, `**` for any number of them. One that cannot be parsed here counts as
+            for all: rcl takes more than this parser, and says what is wrong.
 
     Raises:
         ParameterError: it cannot be read.
@@ -167,7 +168,7 @@ def node_sections(path: str | Path) -> dict[str, re.Pattern[str]]:
     with suppress(ValueError):
         names = {name: re.escape(name).replace(r'/\*\*', r'(/\w+)*') for name in walk(parse_strings(text), '')}
         return {name: re.compile(pattern.replace(r'/\*', r'/\w+') + r'\Z') for name, pattern in names.items()}
-    return {}
+    return {'/**': re.compile('')}
 
 
 def _check_events(text: str, loader: Any, most: int) -> None:

@@ -118,6 +118,8 @@ def test_all_is_started_but_what_is_left_out(launched, arguments, expected):
     ({'rviz': 'true'}, 'rviz2 is not installed'),
     ({'run': 'true'}, 'run:=true needs the cell description'),
     ({'cell': '/no/cell.yaml'}, '^/no/cell.yaml: there is no such file; check the path$'),
+    ({'params': CELL}, '^params:=.*/cell.yaml: has no section of a node; write NODE'),
+    ({'simulate': 'false', 'namespace': 'left'}, '^left: simulate:=false needs the cell description'),
     ({'params': '/no/file.yaml'}, '^params:=/no/file.yaml: there is no such file; check the path$'),
     ({'preload': '/no/file.yaml'}, '^preload:=/no/file.yaml: there is no such file; check the path$'),
     ({'run': 'true', 'cell': CELL, 'use_action': 'true'}, 'use_action:=true needs the name of the controller'),

@@ -102,6 +102,7 @@ def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tm
 SAID = {
     'calibrator: {ros__parameters: {output: x}}': '{file}: nothing in it is for /left/collector; it has /calibrator',
     '/left: {collector: {ros__parameters: {autostart: false}}}': '',
+    '/**/collector: {ros__parameters: {output: !!str 5}}': '',
     '/**/collector: {ros__parameters: {autostart: false}}': '',
     '/*/collector: {ros__parameters: {autostart: false}}': '',
     '/left/collector: {ros__parameters: {autostrat: true}}':
