@@ -12,7 +12,6 @@ import gc
 import re
 import signal
 import sys
-from collections.abc import Mapping
 from itertools import chain, pairwise
 
 import rclpy
@@ -76,7 +75,7 @@ def run(kind: type[CellNode]) -> int:
     return node.exit_status or 0
 
 
-def say_what_is_unused(node: CellNode, files: Mapping[str, Mapping[str, re.Pattern[str]]]) -> None:
+def say_what_is_unused(node: CellNode, files: dict[str, dict[str, re.Pattern[str]]]) -> None:
     """Warns of parameter files without a section for a node, and of parameters given that no node has.
 
     Args:
