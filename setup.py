@@ -77,6 +77,7 @@ setup(
         'jinja2',
         'matplotlib',
         'rich',
+        'threadpoolctl>=3.5',  # first that sees the libraries in the wheels of NumPy and SciPy
         'rosbags>=0.10.11',
         'mcap>=1.5',
         'lz4',

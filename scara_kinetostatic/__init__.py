@@ -40,6 +40,7 @@ below it (`test/test_architecture.py` checks that):
     calibration    from touches to the parameters, with their uncertainty
     effects        the physical effects that the base model lacks, by what they are of
     model          parameters, cell, touches, kinematics, kinetostatics, contact; a calibrated arm in use
+    threads        one thread for linear algebra
     errors         one root for all errors
 """
 
@@ -47,6 +48,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -126,6 +128,9 @@ def __getattr__(name: str) -> Any:
 
     with naming_missing_libraries():
         value = getattr(import_module(home), name)
+    if isinstance(value, FunctionType):
+        value = import_module(f'{__name__}.threads').one_thread(value)
+        value.__module__ = __name__  # where pickle finds it
     globals()[name] = value
     return value
 

@@ -419,7 +419,7 @@ def _metadata(
         ('history', None, 'the load before, which is not given; none, and no preload, is taken'),
     ):
         if given is None and (needing := predictor.effects_of(name)):
-            warnings.warn(f'{needing[0]} depends on {absent}', UserWarning, stacklevel=3)
+            warnings.warn(f'{needing[0]} depends on {absent}', UserWarning, stacklevel=4)
     when = _times(time, n)
     moved = np.zeros((n, 2)) if approach is None else _pairs(approach, 'approach', n)
     return TouchMetadata(np.zeros(n, dtype=np.intp), when, moved, sides, np.zeros((n, 2)))

@@ -16,6 +16,7 @@ from docs._ext.imports import MODULES, NAME, ROOT, floors, imports, module_name,
 
 ORDER = (
     'errors',
+    'threads',
     'model',
     'effects',
     'calibration',
@@ -41,12 +42,23 @@ ORDER = (
 """The packages from the ground up: each imports from those before it alone."""
 ANYWHERE = {'numpy'}
 KEPT_IN = {
-    'scipy': ('assessment', 'calibration', 'diagnosis', 'files', 'model', 'monitoring', 'planning', 'studies'),
+    'scipy': (
+        'assessment',
+        'calibration',
+        'diagnosis',
+        'files',
+        'model',
+        'monitoring',
+        'planning',
+        'studies',
+        'threads',
+    ),
     'yaml': ('files', 'simulation', 'bags'),
     'matplotlib': ('planning', 'report', 'results', 'studies'),
     'markupsafe': ('contour', 'files', 'monitoring', 'report', 'planning', 'results', 'simulation', 'studies'),
     'jinja2': ('files',),
     'rich': ('cli',),
+    'threadpoolctl': ('threads',),
     'mujoco': ('simulation',),
     **dict.fromkeys(('urdf_parser_py', 'lxml'), ('files',)),
     **dict.fromkeys(('rosbags', 'mcap', 'zstandard', 'lz4'), ('bags',)),

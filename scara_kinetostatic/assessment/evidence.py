@@ -37,6 +37,7 @@ from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.threads import one_thread
 
 _CONFIDENCE = 0.95
 """Of each guard band, one-sided: the usual one (ISO 14253-1)."""
@@ -157,28 +158,33 @@ class Evidence:
         return self.diagnosis.extended or self.calibration
 
     @cached_property
+    @one_thread
     def comparison(self) -> Comparison:
         """The base model and the final one on the same touches: force error, error of the tip, bias of parameters."""
         held_out = self.held_out.force_error, self.extended_held_out.force_error
         return compare(self.calibration, self.final, *held_out)
 
     @cached_property
+    @one_thread
     def leverages(self) -> Floats:
         """Of the used touches, (n,)."""
         return leverages(self.final)
 
     @cached_property
+    @one_thread
     def tip_uncertainty(self) -> TipUncertainty:
         """Expanded uncertainty of the tip over the workspace."""
         return tip_uncertainty(self.final)
 
     @cached_property
+    @one_thread
     def object_left_out(self) -> float:
         """Error of the tip at objects left out of the fit, over what is stated; NaN where that is not determined."""
         found = objects_left_out(self.final)
         return found.error / found.stated
 
     @cached_property
+    @one_thread
     def budget(self) -> tuple[Item, ...]:
         """What each source of uncertainty contributes to the final model's parameters and to the tip."""
         return uncertainty_budget(self.final, self.tip_uncertainty)

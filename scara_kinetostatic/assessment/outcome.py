@@ -14,6 +14,7 @@ from scara_kinetostatic.calibration.result import Estimate
 from scara_kinetostatic.diagnosis.comparison import EffectResidual, effect_residuals
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.threads import one_thread
 
 
 class Recording(NamedTuple):
@@ -102,11 +103,13 @@ class Outcome(Evidence):
         return replace(self.final.arm, grade=self.assessment.grade.value, verdict=self.verdict, created=created)
 
     @cached_property
+    @one_thread
     def effect_residuals(self) -> tuple[EffectResidual, ...]:
         """The residual of each effect of the extended model, in the order of `diagnosis.found`."""
         return effect_residuals(self.final, self.diagnosis.found)
 
     @cached_property
+    @one_thread
     def assessment(self) -> Assessment:
         """Whether the result may be used, why, and what to do."""
         return assess(self)

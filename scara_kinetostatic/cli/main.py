@@ -19,6 +19,7 @@ from typing import NoReturn
 from scara_kinetostatic import __version__
 from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError, naming_missing_libraries
+from scara_kinetostatic.threads import process_of_one_thread
 
 VERBS = {
     'calibration': ('cell', 'calibrate', 'inspect', 'verify', 'compare', 'history'),
@@ -36,14 +37,13 @@ class _TerminatedError(BaseException):
 def command() -> int:
     """Runs the command as a process of its own.
 
-    OpenBLAS gets one thread, unless the user says otherwise: for matrices of some hundred rows and 13 columns, a
-    second thread makes a fit several times slower. Garbage is collected rarely, and not at the end: modules and figures
-    are needed to the end of the process and freed with it.
+    Linear algebra gets one thread (`threads`). Garbage is collected rarely, and not at the end: modules and figures are
+    needed to the end of the process and freed with it.
 
     Returns:
         Exit status; see `main`.
     """
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # read when NumPy is imported
+    process_of_one_thread()
     gc.set_threshold(100_000)
     status = main()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written

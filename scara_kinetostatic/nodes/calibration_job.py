@@ -22,6 +22,7 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 from scara_kinetostatic.errors import ScaraKinetostaticError, naming_missing_libraries, one_line
+from scara_kinetostatic.threads import process_of_one_thread
 
 UNFIT = 'unfit'
 """Folder, in that of the results, for one that is not fit for use."""
@@ -141,6 +142,7 @@ class CalibrationProcess:
 def main() -> None:
     """Does the job that is the argument of the process."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is being written is taken back
+    process_of_one_thread()
     output = os.fdopen(os.dup(sys.stdout.fileno()), 'w', encoding='utf-8')
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no reply
 

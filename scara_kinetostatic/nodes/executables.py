@@ -1,7 +1,7 @@
 """The executables of the nodes: signals are caught before the imports, which take seconds on a busy machine.
 
 Until a node has handlers of its own (`runtime`), a signal ends the process at once with status 0: no file is open yet,
-and nothing has been said. This module imports nothing of its own package or of ROS.
+and nothing has been said. This module imports nothing of ROS, or that takes time.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from functools import partial
 from importlib import import_module
 from types import FrameType
 
+from scara_kinetostatic.threads import process_of_one_thread
+
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """The ordinary way to end a node."""
 
@@ -20,6 +22,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 def _run(name: str, kind: str) -> int:
     for number in ENDING:
         signal.signal(number, _end)
+    process_of_one_thread()
     from scara_kinetostatic.errors import MissingLibraryError, naming_missing_libraries
 
     try:
