@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -73,6 +74,8 @@ leaning lean deciding hidden_bend bent unbent unseen misreading unread structure
 folders overpress let_down play played player gauge situation setting tags twelve settle
 """
 """Words that a standard term has replaced: none of them is an identifier."""
+UNCLEAR = r'\b(rivals?|leverages?|enlargements?|misclosures?|whitened|independent part|large effect)\b'
+"""Words that readers did not understand; keys and columns of files keep them."""
 
 
 def test_every_module_is_in_a_known_package() -> None:
@@ -133,6 +136,22 @@ def test_names_are_standard_terms() -> None:
         with path.open('rb') as stream:
             names = {token.string.strip('_').lower() for token in tokenize(stream.readline) if token.type == NAME_TOKEN}
         assert not names & former, path
+
+
+def test_texts_and_pages_have_plain_words() -> None:
+    pages = [path for path in (ROOT / 'docs').rglob('*.md') if '_build' not in path.parts]
+    pages += [ROOT / 'README.md', ROOT / 'bags' / 'README.md']
+    texts = [(path, path.read_text(encoding='utf-8')) for path in pages]
+    for path in MODULES:
+        tree = ast.parse(path.read_text(encoding='utf-8'))
+        silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # docstrings
+        if path.parent.name == 'cli':  # those are the help
+            silent.discard(id(tree.body[0].value))  # type: ignore[attr-defined]
+        said = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in silent)
+        texts += [(path, str(node.value)) for node in said if ' ' in str(node.value)]
+    for path, text in texts:
+        words = re.search(UNCLEAR, re.sub(r'`[^`]*`', '', text), re.IGNORECASE)
+        assert words is None or path.name == 'glossary.md', (path, text[words.start() - 30 : words.end() + 30])
 
 
 def test_the_numerical_core_needs_neither_ros_nor_files() -> None:

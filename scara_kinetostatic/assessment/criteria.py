@@ -32,6 +32,7 @@ from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
+_STATE_TOLERANCE = 'state the accuracy that you need in the cell description, in m, as `tolerance: {tip: 5.0e-5}`'
 _RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
 _ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
 GEOMETRY = 6
@@ -130,9 +131,9 @@ def checked(evidence: Evidence) -> Iterator[Remark]:
         worst, largest = int(np.argmax(leverages)), leverages.max()
         touch = c.touches.index[np.flatnonzero(c.used)[worst]]
         reason = f'{number} of {len(leverages)} touches are not checked by the others: of an error of touch {touch} '
-        reason += f'the parameters absorb {100 * largest:.0f} % (leverage {largest:.2f})'
+        reason += f'the parameters absorb {100 * largest:.0f} %'
         grade = Grade.CAUTION if largest <= Limits.leverage_unfit else Grade.UNFIT
-        action = f'touch again beside touch {touch}, and beside others with a high leverage'
+        action = f'touch again beside touch {touch}, and beside the others that decide alone'
         yield Remark(grade, reason, _RECORD_MORE if number > 4 else action)
     if c.degrees_of_freedom < Limits.least_freedoms:
         guess = c.noise_source == 'estimated'
@@ -172,7 +173,7 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
     elif stated:
         reason = f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are '
         grade = Grade.CAUTION if factor <= Limits.noise_factor else Grade.UNFIT
-        yield Remark(grade, f'{reason}enlarged by that', _ESTIMATE_NOISE)
+        yield Remark(grade, f'{reason}multiplied by that', _ESTIMATE_NOISE)
     else:
         reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
         yield Remark(Grade.CAUTION, reason, 'record more touches')
@@ -183,7 +184,7 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     d = evidence.diagnosis
     if d.verdict == 'ambiguous':
         groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
-        holds = 'the parameters that are determined and their uncertainties hold whichever it is, the effects do not'
+        holds = 'parameters and uncertainties are valid whichever it is, the size of a cause only if it is the true one'
         reason = f'a model error was corrected; its cause is not determined: {groups}; {holds}'
         yield Remark(Grade.CAUTION, reason, to_discriminate(d))
 
@@ -399,9 +400,10 @@ def assess(evidence: Evidence) -> Assessment:
     """
     remarks = [remark for criterion in CRITERIA for remark in criterion(evidence)]
     if not remarks:
-        error = f'a force error of {evidence.comparison.extended.held_out:.2g} N on touches that the fit has not seen'
-        checks = f'{int(evidence.final.used.sum())} touches determine all parameters and check them'
-        remarks = [Remark(Grade.FIT, f'{checks}, by {error}')]
+        tip = f'the tip is known to {quantity(evidence.tip_uncertainty.worst, "m")} or better (k = 2)'
+        checks = f'{int(evidence.final.used.sum())} touches, each predicted by the others to '
+        reason = f'{tip}, from {checks}{evidence.comparison.extended.held_out:.2g} N'
+        remarks = [Remark(Grade.FIT, reason)]
     for item in evidence.diagnosis.found:  # what stands in the cell description is to be corrected there as well
         effect, values = item.effect, {value.name: value.value for value in item.values}
         if not item.in_every_model or not effect.is_physical or effect.is_stepwise:
@@ -414,6 +416,8 @@ def assess(evidence: Evidence) -> Assessment:
         what = ', by more than an error of measurement: a mistake, corrected' if large else ': corrected'
         action = effect.correction(values) if known else ''
         remarks.append(Remark(Grade.CAUTION if large else Grade.FIT, f'{effect.title}{what} in this result', action))
+    if evidence.final.cell.tolerance is None and not any(remark.action for remark in remarks):
+        remarks[-1] = remarks[-1]._replace(action=_STATE_TOLERANCE)
     return Assessment.of(remarks, _notes(evidence))
 
 

@@ -22,7 +22,7 @@ NOISE = 'noise'
 _TITLES = {
     NOISE: 'noise of the touches',
     'size': 'size of {}',
-    RIVALS: 'choice between rival effects',
+    RIVALS: 'choice between possible causes',
     VALUE: 'choice of {}',
     UNDETECTED: 'undetected {}',
     'object_position': 'place of {}',

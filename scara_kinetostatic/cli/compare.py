@@ -3,7 +3,7 @@
 Says what changed from each calibration of a robot to the next: every parameter
 with the uncertainty of its change, a p-value of no change at all, and which
 part moved most likely (base, tool, the zero of a joint, a link, a compliance,
-a backlash, an object, the force sensor), with its rivals.
+a backlash, an object, the force sensor), or what else may have.
 
 Errors that the calibrations share, such as those of the places of the objects,
 cancel as far as both calibrations suffer from them alike. Writes

@@ -151,16 +151,14 @@ class DiscriminatingTouch(NamedTuple):
     in_std: float
 
     def __str__(self) -> str:
-        """As in advice: ``disc_1 from 30°, elbow +1, with 40 N (predictions differ by 1.2 N)``."""
+        """As in advice: ``disc_1 from 30°, elbow left, with 40 N (predictions differ by 1.2 N)``."""
         how = (
             f'preloaded beyond {self.force:.0f} N, then unloaded to it'
             if self.is_unloaded
             else f'with {self.force:.0f} N'
         )
-        side = f'{np.degrees(self.angle) % 360:.0f}°'
-        return (
-            f'{self.disc} from {side}, elbow {self.posture:+d}, {how} (predictions differ by {self.difference:.1f} N)'
-        )
+        side, elbow = f'{np.degrees(self.angle) % 360:.0f}°', 'left' if self.posture > 0 else 'right'
+        return f'{self.disc} from {side}, elbow {elbow}, {how} (predictions differ by {self.difference:.1f} N)'
 
 
 class Contradiction(NamedTuple):

@@ -87,8 +87,8 @@ class CablePull(JointEffect):
     name = 'cable_pull'
     parameters = (
         Parameter('slope', '1', 1e-3, 'compliance times torque, per angle', typical=4e-5),
-        Parameter('bend', '1/rad', 1e-3, 'the same per square of the angle', typical=-6e-5),
-        Parameter('twist', '1/rad^2', 1e-3, 'the same per cube of the angle', typical=3e-5),
+        Parameter('bend', '1/rad', 1e-3, 'change of the slope with the angle', typical=-6e-5),
+        Parameter('twist', '1/rad^2', 1e-3, 'change of the slope with the square of the angle', typical=3e-5),
     )
     statement = 'a cable pulls at {target}'
     confounded_with = (

@@ -52,11 +52,15 @@ def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value in SI units with a prefix that fits: `943 µm`, `-12 µm/N`, `3.1 mm`."""
-    prefixes = (('', 1.0), ('m', 1e3), ('µ', 1e6))
+    """A value in SI units with a prefix that fits: `943 µm`, `-12 µm/N`, `3.1 mm`; a small pure number: `30 ppm`."""
+    prefixes: tuple[tuple[str, float], ...] = (('', 1.0), ('m', 1e3), ('µ', 1e6))
+    if unit.startswith('1'):  # a pure number, or one per something
+        small = abs(value) < 1e-3
+        prefixes = (('ppm', 1e6),) if small else (('', 1.0),)
+        unit = unit[1:] if small or unit == '1' else unit
     prefix, factor = next(((p, f) for p, f in prefixes if abs(value) * f >= 1.0), prefixes[-1])
     size = value * factor
-    return f'{size:.2g} {prefix}{unit}' if abs(size) < 99.5 else f'{size:.0f} {prefix}{unit}'
+    return (f'{size:.2g} {prefix}{unit}' if abs(size) < 99.5 else f'{size:.0f} {prefix}{unit}').rstrip()
 
 
 def displacement(x: float, y: float) -> str:

@@ -86,7 +86,7 @@ class CalibrationRecord:
             record = cls(str(where), document, arm, *_joint(document['covariance_with_cell'], arm))
             datetime.strptime(record.measured, '%Y-%m-%dT%H:%M:%SZ')
             if not (1 <= record.enlargement < np.inf and record.noise_freedoms > 0):
-                raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
+                raise ValueError('fit: expected `enlargement` from 1 on, and degrees of freedom')
             if not len(record.touches):
                 raise ValueError('there is no used touch')
             moved = record.undetected.of_all(len(record.names))

@@ -42,7 +42,7 @@ def _causes(causes: Causes) -> list[Block]:
         return []
     rows = []
     for number, item in enumerate(causes.ranking[:8]):
-        remark = 'best' if number == 0 else 'rival' if item.name in causes.rivals else ''
+        remark = 'best' if number == 0 else 'about as likely' if item.name in causes.rivals else ''
         rows.append((item.title, f'{item.statistic:.4g}', str(len(item.change)), item.text, remark))
     table = Table(('what changed', 'explains', 'values', 'by', ''), ('', 'chi-square', '', '', ''), tuple(rows))
     rivals = [f'About as likely: {"; ".join(map(change_title, causes.rivals))}.'] if causes.rivals else []

@@ -25,7 +25,7 @@ from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 _WIDTH = 920.0
 _ABOUT_TOUCHES = (
     'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
-    'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
+    'released to it (preload): friction and hysteresis are detectable only then. Decides: the share of a '
     'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
     'it is not detected.'
 )
@@ -137,7 +137,8 @@ def set_sentences(design: Design) -> list[str]:
     return [
         f'{len(design.plan)} touches give {um(design.tip_std)} µm at the worst place of the workspace, and '
         f'{um(design.without_each.max())} µm after the loss of any one touch.',
-        f'Every touch is checked by the others: largest leverage {100 * design.prediction.leverage.max():.0f} %. '
+        'Every touch is checked by the others: none decides more of its own value than '
+        f'{100 * design.prediction.leverage.max():.0f} %. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',
     ]
 
@@ -160,7 +161,7 @@ def plan_table(design: Design) -> Table:
         ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
         ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
         ('force', 'N', [f'{force:g}' for force in plan.force]),
-        ('leverage', '%', [f'{100 * share:.0f}' for share in design.prediction.leverage]),
+        ('decides', '%', [f'{100 * share:.0f}' for share in design.prediction.leverage]),
         ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
     headings, units, cells = zip(*columns, strict=True)

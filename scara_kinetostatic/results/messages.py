@@ -18,7 +18,7 @@ from scara_kinetostatic.report import Level, Table, Verdict, sentence
 from scara_kinetostatic.report.quantities import SCALES, micrometres, p_equals, shown, unsigned_zero
 
 
-def answer(a: Assessment, tolerance: float | None, checked: str = 'Determined and checked') -> Verdict:
+def answer(a: Assessment, tolerance: float | None, checked: str = 'Fit for use') -> Verdict:
     """An assessment in words: the first thing in text and page."""
     fit = 'Fit for use' if tolerance else f'{checked}, no tolerance stated'
     words = {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[a.grade]
@@ -51,7 +51,7 @@ def verdict(outcome: Outcome) -> Verdict:
         causes = '; '.join(rivals_in_words(d, group) for group in d.rivals)
         sentences = [
             f'{lack}. Possible causes: {causes}.',
-            'The twelve parameters are valid whichever is present; the values of these effects themselves are not.',
+            'The parameters are valid whichever is present; the size of a cause only if it is the true one.',
         ]
     else:
         curve = any(item.in_every_model and not item.effect.is_physical for item in d.found)

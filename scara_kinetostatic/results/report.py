@@ -171,14 +171,14 @@ def _effects(outcome: Outcome) -> Section:
     from scara_kinetostatic.results.figures import effect_picture
 
     found = outcome.diagnosis.found[:3]
-    rivals = ' and its rivals' if outcome.diagnosis.rivals else ''
+    others = ' and the other possible causes' if outcome.diagnosis.rivals else ''
     figures = []
     for number, (item, residual) in enumerate(zip(found, outcome.effect_residuals, strict=False)):
-        titles = ('without it', 'with it') if item.in_every_model else ('without the rivals', 'with all rivals')
+        titles = ('without it', 'with it') if item.in_every_model else ('without the causes', 'with all causes')
         figures.append(Figure(partial(effect_picture, residual, f'effect{number}', titles), title=item.effect.title))
     caption = Note(
         f'The deviation by this effect, estimated from each touch alone. Left: residuals of the model without the '
-        f'effect{rivals}; right: of the model with it. Grey bars: ± 1 σ of one touch. Points beyond the scale are '
+        f'effect{others}; right: of the model with it. Grey bars: ± 1 σ of one touch. Points beyond the scale are '
         'drawn at its edge. Short dashes: what is expected of the effect after the other parameters have absorbed part '
         'of it. Filled: posture left, hollow: right.'
     )

@@ -15,7 +15,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.plan import Plan, default_plan
@@ -43,8 +43,12 @@ def good() -> Outcome:
 
 def test_a_good_result_is_fit_and_says_what_it_was_judged_without() -> None:
     found = good().assessment
-    assert (found.grade, found.actions) == (Grade.FIT, ())
-    assert found.reasons[0].startswith('48 touches determine all parameters and check them')
+    assert found.grade is Grade.FIT
+    known = quantity(good().tip_uncertainty.worst, 'm')
+    assert found.reasons[0].startswith(f'the tip is known to {known} or better (k = 2), from 48 touches, each')
+    assert [action.partition(',')[0] for action in found.actions] == [
+        'state the accuracy that you need in the cell description'
+    ]
     assert 'declares no uncertainties' in found.reasons[-1]
     assert found.reasons[-1].endswith('no tolerance')
 
@@ -52,7 +56,7 @@ def test_a_good_result_is_fit_and_says_what_it_was_judged_without() -> None:
 def test_what_is_declared_is_not_missing() -> None:
     discs = tuple(disc._replace(center_std=1e-5) for disc in PAPER_CELL.discs)
     found = calibrate_touches(touch(), replace(PAPER_CELL, discs=discs, tolerance=1e-3)).assessment
-    assert found.grade is Grade.FIT
+    assert (found.grade, found.actions) == (Grade.FIT, ())
     assert 'declares' not in ' '.join(found.reasons)
 
 

@@ -21,7 +21,7 @@ def test_calibrate_writes_and_prints(run, recordings, tmp_path):
     document = json.loads((tmp_path / 'result' / 'calibration.json').read_text(encoding='utf-8'))
     for name, entry in document['parameters'].items():
         assert abs(entry['value'] - TRUTH[name]) < 4 * entry['std']
-    assert result.out.startswith('Determined and checked, no tolerance stated: 36 touches ')
+    assert result.out.startswith('Fit for use, no tolerance stated: the tip is known to ')
     assert '\n\nThe base model explains these touches.' in result.out
     assert '36 used of 36 found' in result.out
     assert result.out.rstrip().endswith('result/report.html')

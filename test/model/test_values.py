@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from calibration.studies import CELL
 
+from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 GAIN, PLACE = find(CELL, 'encoder_gain[joint1]'), find(CELL, 'object_position[disc_2]')
@@ -97,3 +98,23 @@ def test_other_effects_keep_the_values_of_those_that_stay():
 def test_values_must_be_finite_and_one_per_parameter(values):
     with pytest.raises(ParameterError, match='expected'):
         ExtendedModel(PAPER_ACTUAL, (GAIN, PLACE), values)
+
+
+@pytest.mark.parametrize(
+    ('value', 'unit', 'text'),
+    [
+        (3e-5, '1/rad^2', '30 ppm/rad^2'),
+        (-2e-3, '1', '-0.002'),
+        (1e-4, '1', '100 ppm'),
+        (7.3, '1/turn', '7.3 1/turn'),
+        (943e-6, 'm', '943 µm'),
+        (-12e-6, 'm/N', '-12 µm/N'),
+    ],
+)
+def test_a_quantity_has_a_unit_that_exists(value, unit, text):
+    assert quantity(value, unit) == text
+
+
+def test_an_advised_touch_names_the_elbow_by_its_side():
+    texts = [str(DiscriminatingTouch('disc_1', 0.5, side, 40.0, False, 1.2, 4.0)) for side in (1, -1)]
+    assert ['elbow left' in texts[0], 'elbow right' in texts[1]] == [True, True]

@@ -250,7 +250,7 @@ def _candidate_table(selection: Selection) -> Table:
     for each in (selection.before, *selection.candidates):
         errors = [_number(error.per_si * size) for size in (each.fitted_rms, each.held_out_rms)]
         note = 'less, not significantly' if selection.is_clearly_smaller(each) else 'no better'
-        note = 'rival' if each.law.name in rivals else 'better' if each.accepted else note
+        note = 'about as good' if each.law.name in rivals else 'better' if each.accepted else note
         note = 'selected' if selection.selected and each.law.name == selection.selected.law.name else note
         compared = (chance(each.p_gain), f'{each.bic:.0f}', note)
         last = ('', '', 'before') if each is selection.before else compared
