@@ -75,7 +75,7 @@ def many_small(p_value: float, suspected: Sequence[Found]) -> str:
     for item in suspected[:_MOST_NAMES]:
         value = max(item.values, key=lambda one: abs(one.value) / one.std)
         size, std = quantity(abs(value.value), value.unit), quantity(value.std, value.unit)
-        known.append(f'{item.effect.title} ({value.name} {"−" * (value.value < 0)}{size} ± {std})')
+        known.append(f'{item.effect.title} ({value.meaning}: {"−" * (value.value < 0)}{size} ± {std})')
     return joined(text, f'suspected, beyond their typical size: {"; ".join(known)}' if known else '')
 
 

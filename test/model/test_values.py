@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from calibration.studies import CELL
 
-from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
+from scara_kinetostatic.diagnosis.advice import many_small
+from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found, Value
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL
@@ -113,6 +114,13 @@ def test_values_must_be_finite_and_one_per_parameter(values):
 )
 def test_a_quantity_has_a_unit_that_exists(value, unit, text):
     assert quantity(value, unit) == text
+
+
+def test_a_suspicion_says_what_its_value_means():
+    effect = find(CELL, 'cable_pull[joint1]')
+    values = tuple(Value(p.name, -3e-5, 1e-5, p.unit, p.meaning) for p in effect.parameters[2:])
+    said = many_small(0.01, [Found(effect, values, False)])
+    assert said.endswith('(change of the slope with the square of the angle: −30 ppm/rad^2 ± 10 ppm/rad^2)')
 
 
 def test_an_advised_touch_names_the_elbow_by_its_side():
