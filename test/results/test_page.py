@@ -98,6 +98,12 @@ def test_every_page_is_whole_and_needs_nothing_from_outside(page: str, extended_
         assert not [cell for cell in cells if re.fullmatch(r'[-−+]0(\.0*)?( .*)?', cell)], 'no zero has a sign'
 
 
+def test_a_wide_table_scrolls_within_itself_and_shows_that_it_continues(page: str) -> None:
+    assert page.count('<table') == page.count('<div class="wide">\n<table')
+    assert '.wide, figure { overflow-x: auto; }' in page
+    assert 'background-attachment: local, local, scroll, scroll;' in page
+
+
 def test_everything_is_said(page: str, nasty: Outcome) -> None:
     text = words_of(page)
     c = nasty.calibration
