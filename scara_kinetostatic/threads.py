@@ -15,8 +15,6 @@ from functools import cache
 from threading import Lock
 from typing import Any
 
-from scara_kinetostatic.errors import naming_missing_libraries
-
 
 class _OneThread(ContextDecorator):
     """Context and decorator, one for all: where calls overlap, the last one to end restores the numbers of before.
@@ -50,6 +48,9 @@ one_thread = _OneThread()
 def _libraries() -> list[Any]:
     """The libraries of linear algebra in this process; SciPy has one of its own, which is loaded with this import."""
     import scipy.linalg  # noqa: F401
+
+    from scara_kinetostatic.errors import naming_missing_libraries
+
     with naming_missing_libraries():
         from threadpoolctl import ThreadpoolController
 
