@@ -354,12 +354,11 @@ class CellStreams:
         if not samples:
             monitor.note_part(self._joints.parts.awaited)
             return []
-        others = samples[-1].others
-        if others and (moved := self._cell.moved_joint(np.array(others))):
-            if not self._judges:
-                monitor.refuse(moved, has_moved=True)
-                return []
-            self._moved = moved
+        moved = [self._cell.moved_joint(np.array(sample.others)) if sample.others else '' for sample in samples]
+        if moved[-1] and not self._judges:
+            monitor.refuse(moved[-1], has_moved=True)
+            return []
+        self._moved = next(filter(None, moved), self._moved)
         angles = [self._cell.angles(np.array(sample[1:3])).tolist() for sample in samples]
         monitor.accept(*angles)
         return [sample._replace(first=q1, second=q2) for sample, (q1, q2) in zip(samples, angles, strict=True)]
