@@ -1,7 +1,7 @@
 """Touches and recordings that the user leaves out of a calibration, and how they are written.
 
-``5`` and ``10-14``, or both as ``5,10-14``, are touches by their numbers in the result, ``touches_1`` is a recording by the name of its file or
-folder. Of recordings with the same name in several folders, ``monday/touches_1`` is one.
+``5`` and ``10-14``, or both as ``5,10-14``, are touches by their numbers in the result, ``touches_1`` is a recording by
+the name of its file or folder. Of recordings with the same name in several folders, ``monday/touches_1`` is one.
 """
 
 from __future__ import annotations
