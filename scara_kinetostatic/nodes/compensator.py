@@ -118,7 +118,7 @@ class Compensator(CellNode):
         """
         stands = self._joints is None or monotonic() - self._joints[2] > 0.5
         executor.spin_once(timeout_sec=0.2 if stands else 0)
-        for _ in range(0 if stands else 40):
+        for _ in range(1 if stands else 40):
             for message, _ in waiting(self._joint_states):
                 self._take_joints(message)
             sleep(self.rest)

@@ -141,6 +141,12 @@ def test_clocks_that_differ_are_named(apart):
     assert f'the clocks of joint1 and joint2 differ by {apart / 1e9:.1g} s, or one comes late' in problems
 
 
+def test_a_simulated_clock_may_run_slower():
+    found, problems = joined([(T0 + (t - T0) // 100, t, v) for t, _, v in stepwise((300, 300), 9000)])
+    assert len(found) == 29
+    assert not problems
+
+
 def test_a_clock_that_is_set_back_stays_visible():
     """Which `clock` refuses."""
     messages = [(t - 5000 * MS * (t > T0 + 500 * MS), r, v) for t, r, v in stepwise((10, 10))]
