@@ -97,8 +97,8 @@ _PRIOR = np.array([0.015, 0.015, *(np.deg2rad(2.5), 0.015) * 2, 1e-4, 3e-4, 3e-4
 class Origin(Enum):
     """What holds the touches: it decides on what in them is as the cell description says.
 
-    In a recording that is frame and sign of the force, in arrays the frame; a table has the force on the object in the
-    base frame.
+    In a recording that is frame and sign of the force, in arrays the frame; a table has the force on the object, its
+    headings say the frame.
     """
 
     RECORDING = 'recording'
@@ -484,7 +484,7 @@ def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     frame = f'the forces are in the {right} frame, not in the {wrong} frame'
     place, remedy = 'sensor.frame', f'set sensor.frame to {right}'
     if origin is Origin.TABLE:
-        place, remedy = 'force', 'give the force on the object in the base frame'
+        place, remedy = 'force', f'name the columns {"fx_N and fy_N" if r.tool else "fx_tool_N and fy_tool_N"}'
     yield _Candidate(place, frame, remedy, r._replace(tool=not r.tool))
     for number, (matrix, statement, action) in enumerate(_FORCES):
         where, mended = 'force', r._replace(force=_applied(matrix, r.force))

@@ -27,11 +27,14 @@ from rosbags.typesys.store import Typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.touches.clock import Samples
-from scara_kinetostatic.touches.streams import FixedTransform, JointParts, UnjoinedError
+from scara_kinetostatic.touches.streams import FixedTransform, JointParts
 
 _MOST_NAMES = 1000
 """Most joints in a message."""
+_TOGETHER = 1 << 16
+"""Joint states that are brought to common times at once: more take longer, by the memory."""
 _INCOMPLETE = 'incomplete'
 _STRINGS = 12
 """Where the first string of a message with a header begins: `frame_id`."""
@@ -84,6 +87,12 @@ def joint_fields(message: bytes) -> Fields:
     positions, end = _count(message, at)
     begin = aligned(end, 8) if positions else end
     return _checked(Fields(frame_id, tuple(names), positions, begin, end), message)
+
+
+def unlike_lengths(fields: Fields) -> str:
+    """That a `JointState` does not say which position is of which joint; empty where it does."""
+    names, positions = count(len(fields.names), 'name'), count(fields.numbers, 'position')
+    return f'with {names} and {positions}' * (len(fields.names) != fields.numbers)
 
 
 def _checked(fields: Fields, message: bytes) -> Fields:
@@ -144,8 +153,7 @@ class Decoder:
         good = np.zeros(count, dtype=bool)
         for fields, rows, where in self._same_layout(batch):
             stamp[where] = _column(rows, 4, '<i4').astype(np.int64) * 1_000_000_000 + _column(rows, 8, '<u4')
-            there = fields.names[: fields.numbers]
-            used = [(k, there.index(name)) for k, name in enumerate(self._wanted) if name in there]
+            used = [(k, fields.names.index(name)) for k, name in enumerate(self._wanted) if name in fields.names]
             for column, number in used if self._joint_names else [(0, 0), (1, 1), (2, 2)]:
                 found = _column(rows, fields.begin + 8 * number, '<f8')
                 is_angle = self._joint_names and column < 2  # where NaN is one that the message does not have
@@ -184,15 +192,11 @@ class Decoder:
     def _joined(self, parts: Samples) -> Samples:
         """The samples of messages of which some have only a part of the joints."""
         join, found = JointParts(self._wanted), []
-        for stamp, received, values in zip(*(column.tolist() for column in parts), strict=True):
-            try:
-                sample = join.add(stamp, received, values)
-                found += [sample] if sample else []
-            except UnjoinedError as error:
-                self.dropped[f'where {error}'] += 1
-        values = np.array([values for *_, values in found]).reshape(-1, len(self._wanted))
-        times = np.array([times for *times, _ in found], dtype=np.int64).reshape(-1, 2)
-        return Samples(times[:, 0], times[:, 1], values)
+        for begin in range(0, len(parts.stamp), _TOGETHER):
+            samples, problems = join.add(parts.select(slice(begin, begin + _TOGETHER)))
+            found.append(samples)
+            self.dropped += Counter({f'where {why}': number for why, number in problems.items()})
+        return Samples(*map(np.concatenate, zip(*found, strict=True)))
 
     def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], Indices]]:
         """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
@@ -234,7 +238,7 @@ class Decoder:
         self.names.update(fields.names)
         if set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'
-        return fields, 'without positions' * (not set(self._joint_names).isdisjoint(fields.names[fields.numbers :]))
+        return fields, unlike_lengths(fields) if fields.numbers else 'without positions'
 
 
 def _column(rows: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:

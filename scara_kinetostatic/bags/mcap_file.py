@@ -1,9 +1,9 @@
 """A `.mcap` file, complete or cut off, read from its start by the library `mcap` down to its chunks.
 
 Of a file whose writer was killed, or whose end is lost, all is read up to there; of a damaged file everything but the
-damaged chunks, where the first one, which defines the topics, is whole. Chunk and file have checksums, and a complete
-file counts its messages: damage that changes what is read becomes a warning. The messages of a chunk become arrays,
-without an object for each.
+damaged chunks. The first one defines the topics; where it is damaged, the summary at the end of a complete file repeats
+them. Chunk and file have checksums, and a complete file counts its messages: damage that changes what is read becomes a
+warning. The messages of a chunk become arrays, without an object for each.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from io import BytesIO
+from contextlib import suppress
+from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import IO
 
@@ -30,6 +31,8 @@ from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batc
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
+_END = 8 + 8 + 4 + len(MAGIC)
+"""Bytes of the end of a file: where its summary starts, and what follows."""
 _ENTRY = 16
 """Bytes of statistics, a schema or a channel that cost as much as a record."""
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -109,6 +112,8 @@ class McapFile(Source):
         except _DAMAGE as error:
             reason = str(error) or type(error).__name__
             self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
+            with suppress(*_DAMAGE):
+                self._define(self._summary())
             return
         places: dict[Topic, list[int]] = {}
         for key, found in starts.items():
@@ -120,6 +125,16 @@ class McapFile(Source):
             at = np.sort(np.array(found, dtype=np.int64))
             # opcode (1), length (8); channel (2), sequence (4), log time (8), publish time (8), payload
             yield Batch(topic, _integers(buffer, at + 15), buffer, at + 31, _integers(buffer, at + 1) - 22)
+
+    def _summary(self) -> list[Schema | Channel]:
+        """The definitions at the end of a complete file."""
+        with self.path.open('rb') as stream:
+            stream.seek(-_END, SEEK_END)
+            (start,) = struct.unpack('<Q', stream.read(8))
+            stream.seek(start)
+            reader = _Records(stream, skip_magic=True, record_size_limit=LARGEST_MESSAGE)
+            reader.budget = self._budget
+            return [record for record in reader.records if isinstance(record, (Schema, Channel))] if start else []
 
     def _define(self, records: Iterable[Schema | Channel]) -> None:
         for record in records:

@@ -42,7 +42,7 @@ from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
 from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.touches.clock import on_one_clock
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchFrame, WrenchStream
+from scara_kinetostatic.touches.streams import ALTERNATE, JointStream, Streams, WrenchFrame, WrenchStream, alternate
 
 _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
@@ -81,6 +81,8 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := frame.complaint(name))]
         samples, offset = list(streams.values()), cell.sensor.time_offset
         (joints, wrench), valid = on_one_clock(str(path), names, samples, warnings, offset)
+        if alternate(joints[1][:, :2]):
+            warnings.append(f'{names[0]}: {ALTERNATE}')
         moved = JointStream.of(*joints).moved(cell)
         if moved.any():
             where = cell.moved_joint(joints[1][moved][0, 2:])

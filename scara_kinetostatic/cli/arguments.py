@@ -187,7 +187,7 @@ def check_file(path: Path, inputs: Sequence[Path], option: str = '--out', suffix
 
 @contextmanager
 def progress() -> Iterator[Callable[[str, float], None]]:
-    """A function that shows in one line on stderr what is being done; nothing if stderr is no terminal.
+    """A function that shows in one line on stderr what is being done, and for how long; nothing if it is no terminal.
 
     It is called with what is done and the part of the work that is done, 0 to 1.
     """
@@ -196,9 +196,12 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         return
     from rich.console import Console
     from rich.markup import escape
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    with Console(stderr=True).status('starting') as status:
-        yield lambda what, part: status.update(f'{escape(what)} …')
+    parts = SpinnerColumn(), TextColumn('{task.description}'), TimeElapsedColumn()
+    with Progress(*parts, console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task('starting')
+        yield lambda what, part: shown.update(task, description=f'{escape(what)} …')
 
 
 def note(text: str) -> None:

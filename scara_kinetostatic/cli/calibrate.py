@@ -17,7 +17,8 @@ calibration_2026-11-21T14-03-22Z.json.
 A recording is a rosbag2 folder (MCAP or SQLite, compressed or not), a bare
 .mcap or .db3 file, a ROS 1 .bag, or a recording of the collector. A touch table is
 accepted as well: a .csv file with the columns q1_rad,q2_rad,fx_N,fy_N (force on
-the object, base frame) and, optional, object,time_s,approach1,approach2.
+the object, base frame; in the tool frame: fx_tool_N,fy_tool_N) and, optional,
+object,time_s,approach1,approach2.
 Several inputs are calibrated together, as one longer recording of the same
 robot and cell.
 

@@ -16,6 +16,7 @@ import csv
 import io
 import math
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -245,7 +246,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 
 def load_table(path: Path, example: str) -> Table:
-    """Read a CSV file: UTF-8 or Latin-1.
+    """Read a CSV file: UTF-8, UTF-16 with its byte-order mark, or Latin-1.
 
     Args:
         path: the file.
@@ -260,12 +261,13 @@ def load_table(path: Path, example: str) -> Table:
 def _decoded(data: bytes, path: Path) -> str:
     if data[:2] == b'PK' or data[:4] == b'\xd0\xcf\x11\xe0':
         raise RecordingError(path, 'expected CSV, got a spreadsheet', 'save it as CSV')
-    if b'\x00' in data:
-        raise RecordingError(path, 'expected CSV text, got binary data', 'save the table as CSV UTF-8')
     try:
-        return data.decode('utf-8-sig')
+        text = data.decode('utf-16' if data[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else 'utf-8-sig')
     except UnicodeDecodeError:
-        return data.decode('latin-1')  # old spreadsheets; µ is the only letter that matters
+        text = data.decode('latin-1')  # old spreadsheets; µ is the only letter that matters
+    if '\0' in text:
+        raise RecordingError(path, 'expected CSV text, got binary data', 'save the table as CSV UTF-8')
+    return text
 
 
 def parse_table(text: str, source: str, example: str) -> Table:

@@ -4,8 +4,8 @@
 
     q1_rad,q2_rad,fx_N,fy_N,object,time_s,approach1,approach2
 
-The first four are needed: joint angles, and the force on the object in the base frame. The others are optional, as
-columns and as cells:
+The first four are needed: joint angles, and the force on the object in the base frame; or, with `fx_tool_N, fy_tool_N`
+in place of `fx_N, fy_N`, in that of the tool, which link 2 carries. The others are optional, as columns and as cells:
 
 - `object`: name of the touched object; where it is absent, it is found as in a recording (`touches.association`);
 - `time_s`: time of the touch; absent: unknown, so that drift cannot be identified;
@@ -13,7 +13,8 @@ columns and as cells:
   unknown, so that hysteresis and friction cannot be identified.
 
 Unknown columns, and rows without joint angles and force, are named in a note and not used, so that a table of residuals
-can be read as a table of touches. See `columns` for headings, units, separators, decimal commas and encodings.
+can be read as a table of touches; so are rows in which one of these is NaN or infinite, unless most are. See `columns`
+for headings, units, separators, decimal commas and encodings.
 
 **Poses and states** are extended by columns of results. `compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow`
 (``left`` or ``right``), `locate` reads `q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1,
@@ -23,6 +24,7 @@ are read, with a decimal point and in SI units.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,8 +35,9 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain
+from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain, split_heading
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.report.quantities import count
 
 COLUMNS = {
     column.name: column
@@ -43,7 +46,7 @@ COLUMNS = {
           for q in ('q1', 'q2')),
         *(Column(f'{x}_m', (x,), columns.LENGTH, True, largest=100.0, hint=f'name it {x}_mm where it is in mm')
           for x in ('x', 'y')),
-        *(Column(f'{f}_N', (f,), columns.FORCE, True, largest=1e5) for f in ('fx', 'fy')),
+        *(Column(f'{f}_N', (f,), columns.FORCE, True, largest=1e5) for f in ('fx', 'fy', 'fx_tool', 'fy_tool')),
         Column('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})),
         Column('time_s', ('time',), columns.TIME, largest=1e12),
         *(Column(name, (name,), columns.SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2')),
@@ -53,6 +56,9 @@ COLUMNS = {
 POSES, STATES = ('x_m', 'y_m', 'fx_N', 'fy_N'), ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')
 """Columns that a table of poses, and one of states or touches, must have."""
 EXAMPLE = ','.join(STATES)
+TOOL_STATES = (*STATES[:2], 'fx_tool_N', 'fy_tool_N')
+"""Those of a table of touches whose forces are in the frame of the tool."""
+_NOT_FINITE = re.compile(r'[-+]?(nan|inf)', re.IGNORECASE)
 
 
 class TouchTable(NamedTuple):
@@ -60,13 +66,14 @@ class TouchTable(NamedTuple):
 
     Attributes:
         joints: readings of the joints, (n, 2), rad.
-        force: on the object, base frame, (n, 2), N.
+        force: on the object, base frame, (n, 2), N; in that of the tool where `in_tool_frame`.
         objects: name of the touched object, n of them; empty where the table does not say.
         time: since the first touch, (n,), s; 0 where unknown.
         approach: each joint's last movement, (n, 2), rad or sign; 0 where unknown.
         lines: line number of each row, (n,).
         source: the file.
         notes: what is odd about it, one sentence each.
+        in_tool_frame: whether the forces are in the frame that link 2 carries.
     """
 
     joints: Floats
@@ -77,6 +84,7 @@ class TouchTable(NamedTuple):
     lines: tuple[int, ...]
     source: str
     notes: tuple[str, ...] = ()
+    in_tool_frame: bool = False
 
 
 def is_touch_table(path: str | Path) -> bool:
@@ -104,9 +112,20 @@ def load_touch_table(path: str | Path) -> TouchTable:
 
 
 def _touches(table: Table) -> TouchTable:
-    places = _places(table, STATES, ('time_s', 'approach1', 'approach2', 'object'), blank=True)
+    words = {split_heading(heading)[0].lower() for heading in table.heading}
+    states = TOOL_STATES if 'fx_tool' in words and 'fx' not in words else STATES
+    places = _places(table, states, ('time_s', 'approach1', 'approach2', 'object'), blank=True)
     notes = table.unused(places)
-    needed = [places[name].number for name in STATES]
+    needed = [places[name].number for name in states]
+    cells_of = ((line, [cells[k] for k in needed if k < len(cells)]) for line, cells in table.rows)
+    wrong = dict.fromkeys(line for line, cells in cells_of if any(_NOT_FINITE.match(plain(cell)) for cell in cells))
+    if wrong:
+        number, some = count(len(wrong), 'row'), ', '.join(map(str, list(wrong)[:8]))
+        some += f' and {len(wrong) - 8} more' * (len(wrong) > 8)
+        notes.append(f'{number} with a value that is not finite, line {some}; not used')
+        if 2 * len(wrong) > len(table.rows):
+            raise RecordingError(table.source, f'of {len(table.rows)}, {notes[-1]}', 'see what writes the table')
+    table = replace(table, rows=tuple(row for row in table.rows if row[0] not in wrong))
     filled = [any(cells[k].strip() for k in needed if k < len(cells)) for _, cells in table.rows]
     if not any(filled):
         raise RecordingError(table.source, f'no row has a number in {EXAMPLE}', 'give one row per touch')
@@ -121,16 +140,17 @@ def _touches(table: Table) -> TouchTable:
     if unknown.any() and not unknown.all():
         raise RecordingError(table.source, 'time_s: some cells are empty', 'give the time of every touch, or of none')
     approach = [numbers.get(name, np.zeros(len(time))) for name in ('approach1', 'approach2')]
-    states = np.stack([numbers[name] for name in STATES], axis=-1)
+    values = np.stack([numbers[name] for name in states], axis=-1)
     return TouchTable(
-        joints=states[:, :2],
-        force=states[:, 2:],
+        joints=values[:, :2],
+        force=values[:, 2:],
         objects=tuple(others.get('object', [''] * len(time))),
         time=np.zeros(len(time)) if unknown.any() else time - time.min(),
         approach=np.nan_to_num(np.stack(approach, axis=-1), nan=0.0),
         lines=tuple(line for line, _ in table.rows),
         source=table.source,
         notes=tuple(notes),
+        in_tool_frame=states is TOOL_STATES,
     )
 
 

@@ -118,7 +118,7 @@ class Compensator(CellNode):
         """
         stands = self._joints is None or monotonic() - self._joints[2] > 0.5
         executor.spin_once(timeout_sec=0.2 if stands else 0)
-        for _ in range(0 if stands else 40):
+        for _ in range(1 if stands else 40):
             for message, _ in waiting(self._joint_states):
                 self._take_joints(message)
             sleep(self.rest)
@@ -126,7 +126,7 @@ class Compensator(CellNode):
             self._answer(message)
 
     def _take_wrench(self, message: bytes) -> None:
-        if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
+        for sample in self._streams.samples(Stream.WRENCH, message):
             sign = -1.0 if self._cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
             self._forces.append((sign * sample.first, sign * sample.second, monotonic()))
 
@@ -134,8 +134,9 @@ class Compensator(CellNode):
         """Publishes where the tip is, by the last force that has come; the diagnostics say why there is no pose."""
         for wrench, _ in waiting(self._wrenches):
             self._take_wrench(wrench)
-        if (sample := self._streams.sample(Stream.JOINTS, message)) is None:
+        if not (samples := self._streams.samples(Stream.JOINTS, message)):
             return
+        sample = samples[-1]
         q1, q2, now = sample.first, sample.second, monotonic()
         self._joints = q1, q2, now
         others = zip(self._cell.other_joints, sample.others, strict=False)

@@ -67,10 +67,12 @@ class ContourTracker(CellNode):
         if anew and self._online is not None:
             self._online.restart()
 
-    def _take(self, stream: Stream, _: bytes, received: int, sample: Sample | None) -> None:
-        if self._online is not None and sample is not None:
+    def _take(self, stream: Stream, _: bytes, received: int, samples: list[Sample]) -> None:
+        if self._online is None:
+            return
+        for sample in samples:
             add = self._online.add_joint_state if stream is Stream.JOINTS else self._online.add_wrench
-            add(sample.stamp_ns, sample[1:3], received or time_ns())
+            add(sample.stamp_ns, sample[1:3], (received or time_ns()) - sample.age_ns)
             if stream is Stream.WRENCH:
                 self._felt = monotonic()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from math import cos, nan, sin
+from math import cos, isnan, nan, sin
 from pathlib import Path
 from time import time_ns
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from std_msgs.msg import ColorRGBA, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
+from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, unlike_lengths, wrench_fields
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.touch_table import COLUMNS
@@ -37,7 +37,8 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import NAME
-from scara_kinetostatic.touches.streams import JointParts, UnjoinedError
+from scara_kinetostatic.touches.clock import Samples
+from scara_kinetostatic.touches.streams import JointParts
 
 NANOSECONDS = 1_000_000_000
 _PLAIN = b'\0\1'
@@ -46,13 +47,14 @@ _PLAIN = b'\0\1'
 
 class Sample(NamedTuple):
     """Two numbers with the stamp of their header: q1, q2 in rad, or fx, fy in N; and positions of other joints, NaN
-    where none is known.
+    where none is known. `age_ns`: how long before the message that completed it that of this stamp was received, ns.
     """
 
     stamp_ns: int
     first: float
     second: float
     others: tuple[float, ...] = ()
+    age_ns: int = 0
 
 
 class UnusableMessageError(Exception):
@@ -203,43 +205,57 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
 
 
 class JointReader:
-    """Takes the joint states of one topic apart.
+    """Takes the joint states of one topic apart, and brings those that come in parts to common times.
 
     Args:
         names: of q1 and q2.
         others: names of other joints.
+
+    Attributes:
+        parts: which does that.
+        joints: those of q1 and q2 that the last message has; where it has none, its own.
     """
 
     def __init__(self, names: Sequence[str], others: Sequence[str] = ()) -> None:
-        self._names, self._needed = (*names, *others), frozenset(names)
-        self._parts = JointParts(self._names)
+        self._names, self._waiting, self._given = (*names, *others), list[tuple[int, int, list[float]]](), 0
+        self.parts, self.joints = JointParts(self._names), frozenset[str]()
 
-    def sample(self, serialized: bytes, received: int = 0) -> Sample | None:
-        """Both joint angles, found by name, and the positions of other joints; None where it has other joints alone.
+    def samples(self, serialized: bytes, received: int = 0, more: bool = False) -> list[Sample]:
+        """Both joint angles, found by name, and the positions of other joints: what a message completes.
 
         Args:
             serialized: a `JointState` as it came over the wire.
             received: when it came, ns; 0: now.
+            more: whether the next message is there already: parts are then taken together.
 
         Raises:
-            UnusableMessageError: it has no position of such a joint, none that is a finite number, or of one of the two
-                alone.
+            UnusableMessageError: it has no position of such a joint, none that is a finite number, or does not fit
+                those of the other joint.
         """
         fields, positions = _fields(joint_fields, serialized)
         found = dict(zip(fields.names, positions, strict=False))
+        self.joints = frozenset(fields.names).intersection(self._names[:2]) or frozenset(fields.names)
         values = [found.get(name, nan) for name in self._names]
-        if found.keys().isdisjoint(self._names) or not self._needed.isdisjoint(fields.names[fields.numbers :]):
+        if found.keys().isdisjoint(self._names) or unlike_lengths(fields):
             raise UnusableMessageError(
                 f'expected positions of {" and ".join(self._names[:2])}, got {fields.numbers} positions of '
                 f'{" ".join(fields.names) or "no joints"}'
             )
         q1, q2 = (found.get(name, 0.0) for name in self._names[:2])
         stamp = _finite(Sample(_stamp(serialized), q1, q2)).stamp_ns
-        try:
-            sample = self._parts.add(stamp, received or time_ns(), values)
-        except UnjoinedError as error:
-            raise UnusableMessageError(str(error)) from error
-        return sample and Sample(sample[0], sample[2][0], sample[2][1], tuple(sample[2][2:]))
+        row = stamp, received or time_ns(), values
+        if len(self._waiting) == self._given and not any(map(isnan, values)):  # whole, as nearly all: no arrays
+            self._waiting, self._given = [row], 1
+            return [Sample(stamp, q1, q2, tuple(values[2:]))]
+        self._waiting.append(row)
+        if more:
+            return []
+        samples, problems = self.parts.add(Samples(*map(np.array, zip(*self._waiting, strict=True))))
+        rows = [*zip(*(each.tolist() for each in samples), strict=True)][self._given :]
+        self._waiting, self._given = [], 0
+        if problems and not rows:
+            raise UnusableMessageError('; '.join(problems))
+        return [Sample(at, q1, q2, tuple(others), row[1] - came) for at, came, (q1, q2, *others) in rows]
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:

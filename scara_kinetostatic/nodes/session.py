@@ -154,21 +154,21 @@ class Session:
             self.abandon()
             raise
 
-    def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
+    def take(self, stream: Stream, message: bytes, log_time: int, samples: list[Sample]) -> None:
         """Takes a message in.
 
         Args:
             stream: where it came from.
             message: as it came, CDR.
             log_time: when it came, ns.
-            sample: its numbers; None if it cannot be used.
+            samples: that it completes.
         """
         of_joints, writer, detector = stream is Stream.JOINTS, self._writer, self._detector
         (writer.write_joint_state if of_joints else writer.write_wrench)(message, log_time)
         self._secured, self._last_message = False, monotonic()
-        if sample is not None:
-            add = detector.add_joint_state if of_joints else detector.add_wrench
-            add(sample.stamp_ns, (*sample[1:3], *sample.others), log_time)
+        add = detector.add_joint_state if of_joints else detector.add_wrench
+        for sample in samples:
+            add(sample.stamp_ns, (*sample[1:3], *sample.others), log_time - sample.age_ns)
 
     def take_transforms(self, message: bytes, log_time: int, anew: bool = False) -> list[JudgedTouch]:
         """Takes fixed transforms in.
@@ -283,8 +283,8 @@ class RecordingNode(CellNode):
             self._session = None
             self._lost(one_line(str(error)))
 
-    def _record(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
+    def _record(self, stream: Stream, message: bytes, received: int, samples: list[Sample]) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         if self._session is not None:
             with self._guarded():
-                self._session.take(stream, message, self.log_time(received), sample)
+                self._session.take(stream, message, self.log_time(received), samples)

@@ -9,10 +9,10 @@ subscription then requests best effort.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from time import monotonic
 from typing import Any
 
@@ -36,7 +36,7 @@ from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
-from scara_kinetostatic.touches.streams import WrenchFrame
+from scara_kinetostatic.touches.streams import ALTERNATE, WrenchFrame, alternate
 
 try:
     from tf2_msgs.msg import TFMessage as TFMessage
@@ -81,6 +81,7 @@ class StreamMonitor:
     Attributes:
         topic: its full name.
         publishers: full names of the nodes that publish it, one for each publisher.
+        joints: of each message since the last report, as `JointReader.joints` says.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
         parts: messages so far that gave no sample, as joint states of other joints alone.
@@ -94,16 +95,20 @@ class StreamMonitor:
     def __init__(self, topic: str) -> None:
         self.topic, self.problem = topic, ''
         self.publishers: list[str] = []
+        self.joints, self._joints_before = set[frozenset[str]](), set[frozenset[str]]()
+        self._positions, self._alternate = list[Sequence[float]](), False
         self.count = self.unusable = self.parts = self.lost = 0
         self.refusal, self.has_moved = '', False
         self._number = 0
         self._retry: Timer | None = None
         self._reported, self._others, self._parted = (monotonic(), 0, 0, 0, 0), 0, 0
 
-    def accept(self) -> None:
-        """Notes a usable message."""
+    def accept(self, *positions: Sequence[float]) -> None:
+        """Notes a usable message, with the joint angles that it completes."""
         self.count += 1
         self.refusal, self.has_moved = '', False
+        if len(self._positions) < 5000:  # between two reports
+            self._positions += positions
 
     def note_part(self, awaited: str) -> None:
         """Notes a message that gives no sample before another joint is heard of."""
@@ -143,6 +148,9 @@ class StreamMonitor:
             self.problem = ''
         elif self._others or self._parted:
             self.problem = self.refusal
+        self._alternate, self._positions = alternate(np.array(self._positions).reshape(-1, 2)), []
+        if count:
+            self._joints_before, self.joints = self.joints, set()
         problems = [self.problem or ('no messages' if expected and not count else '')]
         if lost:
             problems.append(f'{lost} messages lost on the way; this machine or the network is too busy')
@@ -157,17 +165,16 @@ class StreamMonitor:
         return [*complaints, self.mixture()], {f'{self.topic}: {name}': value for name, value in values.items()}
 
     def mixture(self) -> str:
-        """That messages of several robots mix, by the publishers; empty if they do not.
+        """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
 
-        A publisher whose messages cannot be used, of other joints, is no trouble, nor are several with parts.
+        One publisher for each joint of the arm is no trouble, nor is one of other joints.
         """
-        parted = self._parted or self.parts > self._reported[-1]
-        if parted or len(self.publishers) <= (2 if self._others else 1):
-            return ''
+        if self.problem or len(self.publishers) <= max(1, len(self.joints | self._joints_before)):
+            return f'{self.topic}: {ALTERNATE}' if self._alternate else ''
         several = f'{len(self.publishers)} publishers ({", ".join(sorted(self.publishers))})'
         return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'
 
-    def subscribe(self, node: Node, kind: type, name: str, callback: Callable[[bytes, int], None]) -> None:
+    def subscribe(self, node: Node, kind: type, name: str, callback: Callable[[bytes, int, bool], None]) -> None:
         """Requests a reliable stream; where a publisher offers best effort only, requests that.
 
         The middleware reports such a publisher by an "incompatible QoS" event. Best effort matches reliable publishers,
@@ -178,8 +185,8 @@ class StreamMonitor:
             node: on which to subscribe.
             kind: of the messages.
             name: of the topic as the node says it.
-            callback: gets each message as its serialized bytes (CDR), and when the middleware received it, ns of the
-                system's clock; 0 where it does not say.
+            callback: gets each message as its serialized bytes (CDR), when the middleware received it, ns of the
+                system's clock, 0 where it does not say; and whether more are there already.
         """
         self._node, self._kind, self._name, self._callback = node, kind, name, callback
         self._request(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
@@ -190,9 +197,10 @@ class StreamMonitor:
         )
 
     def _receive(self, message: bytes, info: dict[str, Any]) -> None:
-        for each, known in chain([(message, info)], islice(waiting(self._subscription), 200)):  # then timers are served
+        taken = [(message, info), *islice(waiting(self._subscription), 200)]  # then timers are served
+        for left, (each, known) in zip(reversed(range(len(taken))), taken, strict=True):
             self.follow(known.get('publication_sequence_number'), self._subscription.get_publisher_count)
-            self._callback(each, int(known.get('received_timestamp') or 0))
+            self._callback(each, int(known.get('received_timestamp') or 0), left > 0)
 
     def _notice(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
@@ -306,51 +314,54 @@ class CellStreams:
             for stream, topic in zip(Stream, cell.sensor[:2], strict=True)
         }
 
-    def subscribe(self, take: Callable[[Stream, bytes, int, Sample | None], None]) -> None:
+    def subscribe(self, take: Callable[[Stream, bytes, int, list[Sample]], None]) -> None:
         """Hears both topics.
 
         Args:
-            take: called with the stream, each message as its bytes, when it was received (ns, 0 where unknown), and its
-                sample; None where it gives none.
+            take: called with the stream, each message as its bytes, when it was received (ns, 0 where unknown), and the
+                samples that it completes.
         """
 
-        def receive(stream: Stream, message: bytes, received: int) -> None:
-            take(stream, message, received, self.sample(stream, message, received))
+        def receive(stream: Stream, message: bytes, received: int, more: bool) -> None:
+            take(stream, message, received, self.samples(stream, message, received, more))
 
         kinds = zip((JointState, WrenchStamped), self._cell.sensor[:2], strict=True)
         for (kind, topic), (stream, monitor) in zip(kinds, self.monitors.items(), strict=True):
             monitor.subscribe(self._node, kind, topic, partial(receive, stream))
 
-    def sample(self, stream: Stream, message: bytes, received: int = 0) -> Sample | None:
-        """The numbers of a message, which is counted; None where it cannot be used, or more has to come.
+    def samples(self, stream: Stream, message: bytes, received: int = 0, more: bool = False) -> list[Sample]:
+        """What a message, which is counted, completes; nothing where it cannot be used, or more has to come.
 
         Args:
             stream: where it came from.
             message: as its bytes.
             received: when it came, ns; 0: now.
+            more: whether the next one is there already.
         """
         monitor = self.monitors[stream]
         try:
-            if stream is Stream.JOINTS:
-                sample = self._joints.sample(message, received)
-                if sample is not None:
-                    q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
-                    sample = sample._replace(first=q1, second=q2)
-            else:
-                sample = wrench_sample(message, self.frame.turn(message))
+            if stream is Stream.WRENCH:
+                samples = [wrench_sample(message, self.frame.turn(message))]
+                monitor.accept()
+                return samples
+            samples = self._joints.samples(message, received, more)
         except UnusableMessageError as error:
             monitor.refuse(str(error))
-            return None
-        if sample is None:
-            monitor.note_part(' and '.join(self._cell.joint_names))
-            return None
-        if sample.others and (moved := self._cell.moved_joint(np.array(sample.others))):
-            if not self._judges:
-                monitor.refuse(moved, has_moved=True)
-                return None
-            self._moved = moved
-        monitor.accept()
-        return sample
+            return []
+        finally:
+            if stream is Stream.JOINTS:
+                monitor.joints.add(self._joints.joints)
+        if not samples:
+            monitor.note_part(self._joints.parts.awaited)
+            return []
+        moved = [self._cell.moved_joint(np.array(sample.others)) if sample.others else '' for sample in samples]
+        if moved[-1] and not self._judges:
+            monitor.refuse(moved[-1], has_moved=True)
+            return []
+        self._moved = next(filter(None, moved), self._moved)
+        angles = [self._cell.angles(np.array(sample[1:3])).tolist() for sample in samples]
+        monitor.accept(*angles)
+        return [sample._replace(first=q1, second=q2) for sample, (q1, q2) in zip(samples, angles, strict=True)]
 
     @property
     def topics(self) -> tuple[str, str]:

@@ -329,18 +329,19 @@ class TouchRunner(RecordingNode):
         """Of the run, ns: steady, or that of the simulation."""
         return self.now() if self.get_clock().ros_time_is_active else monotonic_ns()
 
-    def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
-        self._record(stream, message, received, sample)
+    def _take(self, stream: Stream, message: bytes, received: int, samples: list[Sample]) -> None:
+        self._record(stream, message, received, samples)
         senses, now = self._runner.senses, 1e-9 * self._time()
-        if sample is None:
+        if not samples:
             monitor = self._streams.monitors[stream]
             senses.refuse(monitor.refusal, moved=monitor.has_moved)
-        elif stream is Stream.JOINTS:
-            lift = sample.others[0] if self._cell.lift and not isnan(sample.others[0]) else None
-            senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], lift)
-        else:
-            senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
-            self._tick()
+        for sample in samples:
+            if stream is Stream.JOINTS:
+                lift = sample.others[0] if self._cell.lift and not isnan(sample.others[0]) else None
+                senses.add_joints(now - 1e-9 * sample.age_ns, 1e-9 * sample.stamp_ns, sample[1:3], lift)
+            else:
+                senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
+                self._tick()
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         if self._session is not None:

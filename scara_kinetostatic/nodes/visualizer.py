@@ -79,7 +79,7 @@ class Visualizer(CellNode):
         later = [other for other, _ in waiting(self._joint_states)]
         for each in (message, *later):  # of several publishers, each with a part of the joints
             with suppress(UnusableMessageError):  # the collector says so
-                if sample := self._reader.sample(each):
+                for sample in self._reader.samples(each):
                     q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
                     self._joints = q1, q2
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.report.quantities import count
 
 Stamps = NDArray[np.int64]
@@ -46,7 +46,7 @@ class Samples(NamedTuple):
     log_time: Stamps
     values: Floats
 
-    def select(self, which: slice | Mask) -> Samples:
+    def select(self, which: slice | Mask | Indices) -> Samples:
         """Some of them."""
         return Samples(self.stamp[which], self.log_time[which], self.values[which])
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic.errors import InputError, RecordingError
-from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.files.touch_table import TouchTable, load_touch_table
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import posture
@@ -280,9 +280,9 @@ def order_in_time(parts: Sequence[Detection]) -> Indices | None:
     return order if known else None
 
 
-def in_base_frame(cell: Cell) -> Cell:
-    """The cell with a sensor that reports the force on the object in the base frame, as tables hold it."""
-    return replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE, sign=SensorSign.ON_OBJECT))
+def as_in_table(cell: Cell, frame: SensorFrame) -> Cell:
+    """The cell with a sensor that reports the force on the object, as tables hold it, in a frame."""
+    return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=SensorSign.ON_OBJECT))
 
 
 def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
@@ -295,7 +295,8 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     Raises:
         RecordingError: a row names an object that the cell does not have.
     """
-    cell, joints, approach = in_base_frame(cell), cell.angles(table.joints), approach_of(table.approach, cell)
+    cell = as_in_table(cell, _frame_of(table))
+    joints, approach = cell.angles(table.joints), approach_of(table.approach, cell)
     names = [disc.name for disc in cell.discs]
     association = associate(joints, table.force, cell)
     disc, known = association.disc.copy(), association.known.copy()
@@ -334,14 +335,20 @@ def press_of(approach: Floats) -> Floats:
 
 
 def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence[str | Path]) -> Cell:
-    """The cell as the sensor of these files sees it: the forces of tables are those on the object in the base frame.
+    """The cell as the sensor of these files sees it: the forces of tables are those on the object in their frame.
 
     Raises:
-        InputError: there are tables, and recordings of a sensor that turns with link 2.
+        InputError: some forces are in the base frame, others in that of the tool.
+        RecordingError: a table cannot be read.
     """
-    if not tables or (recordings and cell.sensor.frame is SensorFrame.BASE):
-        return cell
-    if recordings:
-        problem = f'a table has its forces in the base frame, {recordings[0]} in the tool frame'
-        raise InputError(tables[0], problem, 'calibrate the tables and the recordings separately')
-    return in_base_frame(cell)
+    found = [(path, _frame_of(load_touch_table(path))) for path in tables]
+    found += [(path, cell.sensor.frame) for path in recordings] if found else []
+    for path, frame in found:
+        if frame is not found[0][1]:
+            problem = f'a table has its forces in the {found[0][1].value} frame, {path} in the {frame.value} frame'
+            raise InputError(tables[0], problem, 'calibrate the tables and the recordings separately')
+    return as_in_table(cell, found[0][1]) if found and not recordings else cell
+
+
+def _frame_of(table: TouchTable) -> SensorFrame:
+    return SensorFrame.TOOL if table.in_tool_frame else SensorFrame.BASE

@@ -19,6 +19,7 @@ from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.contacts import Contacts, Tare, tare_before
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
+from scara_kinetostatic.touches.streams import ALTERNATE, alternate
 
 
 class Settings:
@@ -151,6 +152,8 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     holds = [hold for hold in found if hold.duration >= shortest]
     if holds:
         return holds, _too_short(0.0)
+    if alternate(joints.value[joints.stretch(time[0], time[-1])]):
+        return [], Defect('scatter', ALTERNATE)
     loaded = np.flatnonzero(load >= s.loaded * load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     lasting, slow = float(time[span][-1] - time[span][0]), max(joints, wrench, key=lambda topic: topic.period)

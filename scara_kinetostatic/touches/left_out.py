@@ -1,7 +1,7 @@
 """Touches and recordings that the user leaves out of a calibration, and how they are written.
 
-``5`` and ``10-14`` are touches by their numbers in the result, ``touches_1`` is a recording by the name of its file or
-folder. Of recordings with the same name in several folders, ``monday/touches_1`` is one.
+``5`` and ``10-14``, or both as ``5,10-14``, are touches by their numbers in the result, ``touches_1`` is a recording by
+the name of its file or folder. Of recordings with the same name in several folders, ``monday/touches_1`` is one.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:
     """
     entries = list[LeftOut]()
     for text in (text.strip() for text in texts):
-        match = re.fullmatch(r'(\d{1,9})(?:-(\d{1,9}))?', text)
-        entry = range(int(match[1]), int(match[2] or match[1]) + 1) if match else text
-        if not entry:
+        matches = [re.fullmatch(r'\s*(\d{1,9})(?:-(\d{1,9}))?\s*', part) for part in text.split(',')]
+        found = [range(int(match[1]), int(match[2] or match[1]) + 1) for match in matches if match]
+        if not all(found):
             raise ParameterError(where, f'{text}: expected a range of touches such as 10-14', 'write the smaller first')
-        entries.append(entry)
+        entries += found if all(matches) else [text]
     return tuple(entries)
 
 

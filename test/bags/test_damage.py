@@ -60,6 +60,21 @@ def test_what_damage_in_the_middle_costs(tmp_path, streams, spoilt, least, most)
     assert spoilt == 'index' or 'the damaged chunk at byte' in read.warnings[0]
 
 
+@pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_damaged_first_chunk_costs_what_is_in_it(tmp_path, streams, compression):
+    """It defines the topics; the summary does so again, where the file has one."""
+    file = tmp_path / 'a.mcap'
+    write_mcap(file, messages(streams), compression=compression)
+    spoil(file, 250)
+    read = read_streams(file, CELL)
+    assert 501 <= check_part(read, streams) < 640
+    (warning,) = read.warnings
+    assert warning.startswith('a.mcap: the damaged chunk at byte 45 was skipped')
+    write_mcap(file, messages(streams), compression=compression, repeat_channels=False, use_summary_offsets=False)
+    spoil(file, 250)
+    assert 'no message of /joint_states can be read: a.mcap: the damaged chunk at byte ' in reported(file)
+
+
 @pytest.mark.parametrize('compression', [None, Writer.CompressionFormat.BZ2])
 def test_a_bag_of_ros_1_cut_anywhere(tmp_path, streams, compression):
     """Every complete chunk before the cut is read; what was cut at the end of one is missed by the number of chunks."""

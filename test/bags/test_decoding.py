@@ -129,9 +129,9 @@ def test_why_messages_are_dropped():
     samples = decoder.samples()
     np.testing.assert_array_equal(samples.values, [[1, 2], [1, 2]])
     assert decoder.dropped == {
-        'without positions': 2,
+        'without positions': 1,
+        'with 2 names and 1 position': 1,
         'without q1 and q2': 2,
-        'where q1 and q2 are not in one message': 1,
         'with values that are not finite': 2,
         'in an encoding other than plain CDR': 1,
     }

@@ -34,6 +34,7 @@ from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.errors import CellError, RecordingError
 from scara_kinetostatic.model.cell import Cell, Sensor
+from scara_kinetostatic.touches.streams import Streams
 
 
 def refused(path: Path, cell: Cell = CELL) -> str:
@@ -180,16 +181,75 @@ def test_names_that_would_disturb_a_terminal(tmp_path, streams):
     assert refused(tmp_path / 'b.mcap').isprintable()
 
 
-def test_both_joints_have_to_be_in_one_message(tmp_path, cell, streams):
-    parts = [item for name in ('joint1', 'joint2') for item in joint_messages(streams, names=(name, 'x'))]
-    write_mcap(tmp_path / 'a.mcap', [*parts, *force_messages(streams)])
-    assert 'can be used: 600 where joint1 and joint2 are not in one message' in refused(tmp_path / 'a.mcap')
+def parts(streams: Streams, late: int = 4_000_000, lag: int = 0) -> list[Message]:
+    """The joint states by two publishers, with joint 1 and with joint 2 later, ns, whose clock is ahead, ns."""
+    stamp, (q1, q2) = streams.joints.stamp, streams.joints.position.T
+    first = [joint_state(at, ['joint1'], [q]) for at, q in zip(stamp.tolist(), q1.tolist(), strict=True)]
+    angles = np.interp(stamp + late - stamp[0], stamp - stamp[0], q2).tolist()
+    then = (stamp + late).tolist()
+    other = [joint_state(at + lag, ['joint2', 'lift'], [q, 0.0]) for at, q in zip(then, angles, strict=True)]
+    other = [item._replace(log_time=at) for item, at in zip(other, then, strict=True)]
+    return sorted([*first, *other], key=lambda item: item.log_time)
+
+
+def unstamped(item: Message) -> Message:
+    return item._replace(payload=item.payload[:4] + bytes(8) + item.payload[12:])
+
+
+@pytest.mark.parametrize('without', ['', 'joint2', 'joint'])
+def test_joints_in_separate_messages_are_joined(tmp_path, cell, streams, without):
+    """Where one is not stamped both are dated by their reception."""
+    items = [unstamped(item) if without and without.encode() in item.payload else item for item in parts(streams)]
+    write_mcap(tmp_path / 'a.mcap', sorted([*items, *force_messages(streams)], key=lambda item: item.log_time))
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    assert bool(read.warnings) == bool(without)
+    time, begun = read.joints.stamp - streams.joints.stamp[0], streams.joints.stamp - streams.joints.stamp[0]
+    np.testing.assert_array_equal(time, 4_000_000 + 12_500_000 * np.arange(299))
+    for column in (0, 1):
+        expected = np.interp(time, begun, streams.joints.position[:, column])
+        np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
+
+
+def test_joints_that_cannot_be_joined(tmp_path, cell, streams):
+    write_mcap(tmp_path / 'a.mcap', [*parts(streams, lag=700_000_000), *force_messages(streams)])
+    assert 'where the clocks of joint1 and joint2 differ by 0.7 s, or one comes late' in refused(tmp_path / 'a.mcap')
     write_mcap(tmp_path / 'b.mcap', [*joint_messages(streams, names=('joint1', 'x')), *force_messages(streams)])
     assert 'does not have joint2, only joint1, x' in refused(tmp_path / 'b.mcap')
     begun = int(streams.joints.stamp[0])
-    lacking = [joint_state(begun, ['joint1', 'joint2'], [1.0]), *joint_messages(streams, names=('joint2', 'x'))]
-    write_mcap(tmp_path / 'd.mcap', [*lacking, *force_messages(streams)])
-    assert ', 1 without positions; check what publishes the topic' in refused(tmp_path / 'd.mcap')
+    silent = [item for item in parts(streams) if b'joint2' not in item.payload or item.log_time < begun + 10**9]
+    write_mcap(tmp_path / 'c.mcap', [*silent, *force_messages(streams)])
+    (warning,) = read_streams(tmp_path / 'c.mcap', cell).warnings
+    assert warning == '/joint_states: 140 messages where joint2 is silent dropped'
+
+
+def test_names_and_positions_of_unlike_lengths_are_not_paired(tmp_path, cell, streams):
+    begun = int(streams.joints.stamp[0])
+    strange = [
+        joint_state(begun + 1, ['joint1', 'joint2'], [1.0]),
+        joint_state(begun + 2, ['joint1'], [1.0, 2.0]),
+        joint_state(begun + 3, ['joint2', 'joint1', 'x'], [1.0, 2.0]),
+        joint_state(begun + 4, ['joint1', 'joint2'], []),
+    ]
+    write_mcap(tmp_path / 'a.mcap', [*strange, *messages(streams)])
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    assert_same(read, streams)
+    said = ['2 names and 1 position', '1 name and 2 positions', '3 names and 2 positions', None]
+    expected = [f'/joint_states: 1 message {f"with {text}" if text else "without positions"} dropped' for text in said]
+    assert sorted(read.warnings) == sorted(expected)
+
+
+def test_zeros_of_a_second_publisher_are_named(tmp_path, cell, streams):
+    slow = streams.joints.position[:1] + 1e-3 * np.arange(len(streams.joints.stamp))[:, None]
+    steady = replace(streams, joints=replace(streams.joints, position=slow))
+    items = joint_messages(steady)
+    zeros = [joint_state(item.log_time + 1, ['joint1', 'joint2'], [0.0, 0.0]) for item in items[::8]]
+    for name, joints in (('a', [*items, *zeros]), ('b', items)):
+        write_mcap(
+            tmp_path / f'{name}.mcap', sorted([*joints, *force_messages(steady)], key=lambda item: item.log_time)
+        )
+    said = '/joint_states: the positions alternate: two publishers?'
+    assert read_streams(tmp_path / 'a.mcap', cell).warnings == (said,)
+    assert not read_streams(tmp_path / 'b.mcap', cell).warnings
 
 
 def lost(path: Path) -> None:

@@ -17,6 +17,7 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell
 from scara_kinetostatic.files.touch_table import TouchTable, load_touch_table
 from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import gather_touches
@@ -106,6 +107,50 @@ def test_without_names_the_objects_are_found_and_the_frame_of_the_sensor_does_no
     assert cells[0] == cells[1]
     for one, other in ((named.joints, unnamed.joints), (named.force, unnamed.force), (named.disc, unnamed.disc)):
         np.testing.assert_array_equal(one, other)
+
+
+def test_forces_in_the_tool_frame_are_turned_as_the_angles_are_estimated(result, folder, tmp_path):
+    """What is estimated is that of the same forces in the base frame, whatever the cell says of its sensor."""
+    table = tmp_path / 'tool.csv'
+    angle = TOUCHES.joints.sum(axis=1) + PAPER_ACTUAL.theta1 + PAPER_ACTUAL.theta2
+    force = np.stack([rotate(f, -a) for f, a in zip(TOUCHES.force, angle, strict=True)])
+    turned = SensorFrame.TOOL.to_base(force, TOUCHES.joints, PAPER_ACTUAL)
+    np.testing.assert_allclose(turned, TOUCHES.force, atol=1e-9)
+    rows = map(','.join, np.column_stack([TOUCHES.joints, force]).astype(str).tolist())
+    table.write_text('\n'.join(['q1_rad,q2_rad,fx_tool_N,fy_tool_N', *rows]), encoding='utf-8')
+    assert run('calibrate', table, '--cell', folder / 'cell.yaml', '--out', tmp_path / 'out') == 0
+    found = document(tmp_path / 'out')
+    assert found['touches']['used'] == result['touches']['used'] == 108
+    for key, about in found['parameters'].items():
+        assert abs(about['value'] - getattr(PAPER_ACTUAL, key)) < 4.5 * about['std'], key
+    cells = [cell_of_files(load_cell(folder / f'{name}.yaml'), [table], []) for name in ('cell', 'tool')]
+    assert cells[0] == cells[1]
+
+
+@UNDIAGNOSED
+def test_a_table_with_rows_of_nan_is_calibrated_and_they_are_said(folder, tmp_path, capsys):
+    lines = (folder / 'touches.csv').read_text(encoding='utf-8').splitlines()
+    (tmp_path / 'a.csv').write_text('\n'.join([*lines, *['nan,nan,nan,nan'] * 100]), encoding='utf-8')
+    assert run('calibrate', tmp_path / 'a.csv', '--cell', folder / 'cell.yaml', '--out', tmp_path / 'out') == 0
+    said = '100 rows with a value that is not finite, line 110, 111, 112, 113, 114, 115, 116, 117 and 92 more; not used'
+    assert said in ' '.join(capsys.readouterr().out.split())
+    assert document(tmp_path / 'out')['touches']['found'] == 108
+
+
+def test_tables_in_both_frames_are_not_calibrated_together(folder, tmp_path, capsys):
+    text = (folder / 'unnamed.csv').read_text(encoding='utf-8')
+    (tmp_path / 'tool.csv').write_text(text.replace('fx_N,fy_N', 'fx_tool_N,fy_tool_N'), encoding='utf-8')
+    tables, out = (folder / 'unnamed.csv', tmp_path / 'tool.csv'), tmp_path / 'out'
+    assert run('calibrate', *tables, '--cell', folder / 'cell.yaml', '--out', out) == 2
+    assert f'a table has its forces in the base frame, {tables[1]} in the tool frame' in capsys.readouterr().err
+    assert run('calibrate', tables[1], '--cell', folder / 'cell.yaml', '--out', out) == 2
+    assert 'name the columns fx_N and fy_N' in capsys.readouterr().err
+    mistaken = tmp_path / 'mistaken.csv'
+    angle = TOUCHES.joints.sum(axis=1)
+    force = np.stack([rotate(f, -a) for f, a in zip(TOUCHES.force, angle, strict=True)])
+    write(mistaken, replace(TOUCHES, force=force), named=False)
+    assert run('calibrate', mistaken, '--cell', folder / 'cell.yaml', '--out', out) == 2
+    assert 'name the columns fx_tool_N and fy_tool_N' in capsys.readouterr().err
 
 
 @UNDIAGNOSED

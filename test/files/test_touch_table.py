@@ -59,6 +59,30 @@ def test_rows_without_angles_and_force_are_noted_and_not_used():
     assert table.notes == ('line 3 and 1 more: no joint angles and no force; not used',)
 
 
+def test_rows_that_are_not_finite_are_counted_and_not_used():
+    bad = [ROW.replace('1.5', word) for word in ('nan', 'NaN', '-inf', 'Infinity', ' nan ', '-nan(ind)')]
+    table = parse(HEADING, ROW, *bad[:1], *[ROW] * 11, *bad[1:], *bad[:4], ROW)
+    assert len(table.lines) == 13
+    lines = '3, 15, 16, 17, 18, 19, 20, 21 and 2 more'
+    assert table.notes == (f'10 rows with a value that is not finite, line {lines}; not used',)
+    assert parse(HEADING, ROW, bad[0]).notes == ('1 row with a value that is not finite, line 3; not used',)
+    with pytest.raises(
+        RecordingError, match='of 3, 2 rows with a value that is not finite, line 3, 4; not used; see what'
+    ):
+        parse(HEADING, ROW, *bad[:2])
+
+
+def test_forces_in_the_tool_frame_have_headings_of_their_own():
+    table = parse('q1_rad,q2_rad,fx_tool_kN,fy_tool_N', '0.5,1.5,-0.01,0.25')
+    np.testing.assert_array_equal(table.force, [[-10, 0.25]])
+    assert table.in_tool_frame
+    table = parse(HEADING + ',fx_tool_N,fy_tool_N', ROW + ',7,8')
+    np.testing.assert_array_equal(table.force, [[-10, 0.25]])
+    assert not table.in_tool_frame
+    with pytest.raises(RecordingError, match="there is no column 'fy_tool_N'"):
+        parse('q1_rad,q2_rad,fx_tool_N,fy_N', ROW)
+
+
 @pytest.mark.parametrize(
     'text',
     [
@@ -71,7 +95,7 @@ def test_rows_without_angles_and_force_are_noted_and_not_used():
     ],
 )
 def test_ways_of_writing_the_same(text, tmp_path):
-    for encoding in ('utf-8', 'utf-8-sig', 'latin-1'):
+    for encoding in ('utf-8', 'utf-8-sig', 'utf-16', 'latin-1'):
         if encoding == 'latin-1':
             text = text.replace('\N{MINUS SIGN}', '-')
         path = tmp_path / 'touches.csv'
@@ -102,7 +126,7 @@ def test_times_and_last_movements_are_converted_too():
         ([HEADING, ROW, '1,2,x,4'], "line 3: fx_N: expected a number, got 'x'"),
         ([HEADING + ',object', ',,,,a'], 'no row has a number in q1_rad,q2_rad,fx_N,fy_N'),
         ([HEADING, '1,2,3'], 'line 2: fy_N: expected a number, got nothing'),
-        ([HEADING, 'nan,2,3,4'], "line 2: q1_rad: expected a number, got 'nan'"),
+        ([HEADING, 'nan,2,3,4'], 'of 1, 1 row with a value that is not finite, line 2; not used; see what writes'),
         ([HEADING, '1,1e400,3,4'], 'line 2: q2_rad: 1e400 is too large to be plausible'),
         ([HEADING, '1,2,3,4,5'], 'line 2: expected 4 columns, got 5 (a decimal comma needs semicolons'),
         ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is too large to be plausible; name it q2_deg'),
@@ -125,6 +149,8 @@ def test_what_is_wrong_is_one_line(lines, message):
     [
         (b'PK\x03\x04', 'expected CSV, got a spreadsheet; save it as CSV'),
         (b'q1_rad\x00\x01', 'expected CSV text, got binary data'),
+        ('q1_rad'.encode('utf-16') + b'\x00', 'expected CSV text, got binary data'),
+        ('q1_rad'.encode('utf-32'), 'expected CSV text, got binary data'),
     ],
 )
 def test_files_that_are_no_csv(tmp_path, data, message):

@@ -5,6 +5,7 @@ import signal
 from dataclasses import replace
 from math import inf, nan
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -106,6 +107,38 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
     found = find_touches(read, cell)
     assert [(item.index, item.reason) for item in found.rejected] == [(2, reason)]
     assert len(found.touches) == 3
+
+
+def test_a_message_for_each_joint_from_a_publisher_each(bench, cell_in, tmp_path):
+    """The touches are those of the recording, and of messages with both joints; no publishers mix."""
+    cell = replace(CELL, sensor=Sensor('joint_states', 'wrench', time_offset=0.0))
+    b = bench(Collector, autostart=True, cell=cell_in(cell), output=tmp_path / 'bags')
+    collector = b.node
+    joints, force = publishers(b)
+    other = b.robot.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    b.wait(lambda: collector.count_publishers('/joint_states') == 2)
+    streams = Scene(cell).touches(4).streams()
+    stamps, (q1, q2) = streams.joints.stamp, streams.joints.position.T
+    later = stamps + 4_000_000
+    q2 = np.interp(later - stamps[0], stamps - stamps[0], q2)
+    for stamp, then, one, two in zip(stamps.tolist(), later.tolist(), q1.tolist(), q2.tolist(), strict=True):
+        joints.publish(conversion.joint_state((stamp, one), ('joint1',)))
+        other.publish(conversion.joint_state((then, two), ('joint2',)))
+    for stamp, (x, y) in zip(streams.wrench.stamp.tolist(), streams.wrench.force.tolist(), strict=True):
+        force.publish(conversion.wrench((stamp, x, y), 'base'))
+    counts = 2 * len(stamps), len(streams.wrench.stamp)
+    monitors = collector._streams.monitors.values()
+    b.wait(lambda: tuple(monitor.count for monitor in monitors) == counts)
+    assert [monitor.unusable for monitor in monitors] == [0, 0]
+    answer = b.call('/collector/stop').message
+    assert answer.startswith('4 touches (0 more rejected)'), answer
+    assert 'mix' not in answer
+    (bag,) = (tmp_path / 'bags').iterdir()
+    read, whole = read_streams(bag, cell), find_touches(streams, cell).touches
+    assert not read.warnings
+    found = find_touches(read, cell).touches
+    np.testing.assert_allclose(found.joints, whole.joints, atol=2e-6)
+    np.testing.assert_allclose(found.force, whole.force, atol=0.02)
 
 
 def test_a_recording_without_usable_joint_states_is_no_success(bench, tmp_path):

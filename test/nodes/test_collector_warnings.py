@@ -50,35 +50,43 @@ def test_a_robot_taken_for_the_example_cell_is_said_as_the_recording_begins(benc
     assert 'taken for the example cell' in answer.message
 
 
-def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none():
-    monitor = StreamMonitor('/joint_states')
-    monitor.publishers = ['/a/driver']
-    assert monitor.mixture() == ''
-    monitor.publishers.append('/b/driver')
-    assert '2 publishers (/a/driver, /b/driver)' in monitor.mixture()
-    monitor.accept()
-    monitor.refuse('other joints')
-    monitor.report()
-    assert monitor.mixture() == ''
-    monitor.publishers.append('/gripper')
-    assert '3 publishers' in monitor.mixture()
+ARM, ONE, TWO, OTHERS = map(frozenset, (('joint1', 'joint2'), ('joint1',), ('joint2',), ('finger', 'thumb')))
 
 
-def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named():
+@pytest.mark.parametrize(
+    ('heard', 'most'), [([ARM], 1), ([ARM, OTHERS], 2), ([ONE, TWO], 2), ([ONE, TWO, OTHERS], 3), ([], 1)]
+)
+def test_publishers_that_mix_are_named_and_one_for_each_joint_is_none(heard, most):
     monitor = StreamMonitor('/joint_states')
-    monitor.publishers = ['/shoulder', '/elbow', '/gripper']
-    for _ in range(50):
-        monitor.note_part('joint2')
+    for _ in range(2):
+        monitor.publishers = ['/driver'] * most
+        monitor.joints.update(heard)
         monitor.accept()
-        monitor.refuse('expected positions of joint1 and joint2')
-    assert monitor.mixture() == ''  # before the first report
-    assert not any(monitor.report()[0])
+        assert monitor.mixture() == ''
+        monitor.publishers.append('/b/driver')
+        assert f'{most + 1} publishers (/b/driver, /driver' in monitor.mixture()
+        monitor.report()
+        assert f'{most + 1} publishers' in monitor.mixture()
+
+
+def test_a_silent_joint_is_named():
+    monitor = StreamMonitor('/joint_states')
+    monitor.publishers = ['/shoulder', '/elbow']
+    monitor.joints.add(ONE)
     monitor.note_part('joint2')
     monitor.refuse('joint2 is silent')
     assert monitor.report()[0] == ['/joint_states: joint2 is silent', '']
-    assert (monitor.count, monitor.unusable, monitor.parts) == (152, 51, 51)
-    monitor.accept()
-    assert '3 publishers' in monitor.report()[0][-1]  # no parts since the last report
+    assert (monitor.count, monitor.unusable, monitor.parts) == (2, 1, 1)
+
+
+def test_positions_that_alternate_are_said():
+    monitor = StreamMonitor('/joint_states')
+    for k in range(200):
+        monitor.accept((0.3 + 1e-3 * k, 0.5), *[(0.0, 0.0)] * (k % 8 == 7))
+    assert monitor.report()[0][-1] == '/joint_states: the positions alternate: two publishers?'
+    for k in range(200):
+        monitor.accept((0.3 + 1e-3 * k, 0.5))
+    assert monitor.report()[0][-1] == ''
 
 
 def test_a_held_joint_that_has_moved_is_known_until_a_message_can_be_used():

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import cycle
 from math import atan2, nan
 from typing import Any
 
@@ -105,6 +106,25 @@ def b(bench: Callable[..., Bench]) -> Bench:
 
 def turned(*pairs: float) -> Any:
     return pytest.approx(pairs, abs=1e-9)
+
+
+def test_the_tip_by_a_message_for_each_joint(bench):
+    b = bench()
+    b.wait(lambda: b.poses, b.move)
+    whole, parts = b.place, cycle(zip(CELL.joint_names, (0.5, 1.0), strict=True))
+
+    def move() -> None:
+        name, angle = next(parts)
+        b.stamp += 1_000_000
+        b.force.publish(wrench((b.stamp, *FORCE), 'base'))
+        b.joints.publish(joint_state((b.stamp, angle), (name,)))
+
+    b.wait(lambda: b.place != turned(*whole), move)
+    number = len(b.poses)
+    b.wait(lambda: len(b.poses) > number + 2, move)
+    joined, number = b.place, len(b.poses)
+    b.wait(lambda: len(b.poses) > number + 4, lambda: b.move((0.5, 1.0)))
+    assert b.place == turned(*joined)
 
 
 def test_the_tip_under_load_with_its_covariance(b, arm):

@@ -47,7 +47,7 @@ def test_a_wrench(frame):
     ],
 )
 def test_joint_angles_by_name(frame, names, position):
-    assert JointReader(NAMES).sample(joints(names, position, frame)) == Sample(STAMP, 0.25, -0.5)
+    assert JointReader(NAMES).samples(joints(names, position, frame)) == [Sample(STAMP, 0.25, -0.5)]
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_joint_angles_by_name(frame, names, position):
 )
 def test_joint_states_that_cannot_be_used(names, position, said):
     with pytest.raises(UnusableMessageError, match=said):
-        JointReader(NAMES).sample(joints(names, position))
+        JointReader(NAMES).samples(joints(names, position))
 
 
 def test_a_message_that_is_cut_off():
@@ -70,26 +70,24 @@ def test_a_message_that_is_cut_off():
     needed = len(whole) - 4 - 4 - 2 * 8 - 8
     for length in range(4, needed):
         with pytest.raises(UnusableMessageError):
-            JointReader(NAMES).sample(whole[:length])
+            JointReader(NAMES).samples(whole[:length])
     whole = bytes(serialize_message(WrenchStamped()))
     for length in range(4, len(whole)):
         with pytest.raises(UnusableMessageError, match='cut off'):
             wrench_sample(whole[:length])
     with pytest.raises(UnusableMessageError):
-        JointReader(NAMES).sample(b'\0\1\0\0' + b'\xff' * 60)
+        JointReader(NAMES).samples(b'\0\1\0\0' + b'\xff' * 60)
 
 
 def test_times_before_1970():
     message = JointState(name=list(NAMES), position=[1.0, 2.0])
     message.header.stamp.sec, message.header.stamp.nanosec = -1, 5
-    sample = JointReader(NAMES).sample(bytes(serialize_message(message)))
-    assert sample == Sample(-999_999_995, 1.0, 2.0)
+    assert JointReader(NAMES).samples(bytes(serialize_message(message))) == [Sample(-999_999_995, 1.0, 2.0)]
 
 
 def test_other_joints_are_found_by_name():
     message = joints([*NAMES, 'wrist'], [0.25, -0.5, 0.3])
-    sample = JointReader(NAMES, ('lift', 'wrist')).sample(message)
-    assert sample is not None
+    (sample,) = JointReader(NAMES, ('lift', 'wrist')).samples(message)
     assert sample[1:3] == (0.25, -0.5)
     assert np.isnan(sample.others[0])
     assert sample.others[1] == 0.3

@@ -76,6 +76,13 @@ def test_it_shows_touches_and_the_arm_before_and_after_a_calibration(cell: Cell,
     cell.wait(lambda: 'nominal' in cell.groups('visualizer/arm'))
     assert cell.links('nominal')[-1] == pytest.approx(tuple(forward(NOMINAL, (0.3, 0.9))))
 
+    def parts() -> None:
+        for name, angle in (('joint1', 0.4), ('joint2', 0.8)):
+            joints.publish(conversion.joint_state((8, angle), (name,)))
+
+    cell.wait(lambda: cell.links('nominal')[-1] == pytest.approx(tuple(forward(NOMINAL, (0.4, 0.8)))), parts)
+    joints.publish(conversion.joint_state((9, 0.3, 0.9), ('joint1', 'joint2')))
+
     results = cell.robot.create_publisher(String, 'calibrator/result', LATCHED)
     results.publish(String(data='[]'))  # said, and no harm
     document, found = arm_document(arm), arm.model.parameters

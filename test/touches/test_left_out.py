@@ -24,7 +24,8 @@ def detection() -> Detection:
 
 
 @pytest.mark.parametrize(
-    ('entries', 'numbers'), [([], []), (['3', ' 5-7 '], [3, 5, 6, 7]), (['19', '11-12'], [11, 19])]
+    ('entries', 'numbers'),
+    [([], []), (['3', ' 5-7 '], [3, 5, 6, 7]), (['19', '11-12'], [11, 19]), (['5,10-11', ' 3 , 7'], [3, 5, 7, 10, 11])],
 )
 def test_touches_by_number(detection, entries, numbers):
     left = leave_out(detection, parse_left_out(entries, '--leave-out'))
@@ -53,6 +54,8 @@ def test_recordings_by_name():
         (['monday'], "'monday' is the name of several of the recordings bags/monday, june/monday"),
         (['20'], 'there is no touch 20 among 20'),
         (['7-5'], '7-5: expected a range'),
+        (['3,7-5'], '3,7-5: expected a range'),
+        (['3,tuesday'], "'3,tuesday' is none of the recordings .*and touches as 5 or 10-14"),
         (['tuesday', '3'], 'without a recording the touches have other numbers'),
         (['bags/monday', 'tuesday', 'june/monday'], 'every recording'),
     ],
