@@ -1,17 +1,21 @@
 """A robot as its URDF describes it: links and joints, and where they are at given positions of the joints.
 
-`urdfdom_py` of ROS reads the URDF; of each link its inertia counts, of each joint what moves it. A joint that is not
-told stands at 0, one that mimics another where that brings it.
+Of each link its inertia counts, of each joint what moves it. A joint that is not told stands at 0, one that mimics
+another where that brings it.
+
+The XML is read as `check_urdf` of ROS reads it, whose parser knows no namespaces, entities or schema: tags have to be
+whole and to close in their order; of elements and attributes that are there twice the first counts. Each element keeps
+its place in the text, for messages and for `files.corrected_urdf`.
 """
 
 from __future__ import annotations
 
-import io
+import re
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stderr
+from contextlib import suppress
+from html import unescape
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,66 +26,221 @@ from scara_kinetostatic.model.arrays import Floats
 
 MOST_BYTES = 16 * 1024**2
 """A larger file is no URDF."""
-_KEPT = {'link': {'inertial'}, 'joint': {'parent', 'child', 'origin', 'axis', 'limit', 'mimic'}}
 _TURNING = ('revolute', 'continuous')
+_ATTRIBUTE = r"""([^\s<>/="']+)\s*=\s*("[^"]*"|'[^']*')"""
+_TOKEN = re.compile(
+    r'<!--.*?-->|<!\[CDATA\[.*?\]\]>|<!(?!--)[^>]*>|<\?.*?\?>|</(?P<closes>[^\s<>]+)[^<>]*>|'
+    rf"""<\s*(?P<tag>[^\s<>/="'!?]+)(?=[\s/>])(?:\s*{_ATTRIBUTE})*\s*(?P<is_empty>/?)>""",
+    re.DOTALL,
+)
+"""A comment, characters, a declaration, an instruction, an end tag or a start tag."""
+
+_PARTS = ('origin', 'limit', 'mimic')
+
+Vector = tuple[float, ...]
+
+
+class Element(NamedTuple):
+    """An element of a URDF.
+
+    Attributes:
+        tag: its name.
+        start: where its start tag begins in the text.
+        end: where that ends.
+        spans: of the value of each attribute, without its quotes.
+        children: in it.
+    """
+
+    tag: str
+    start: int
+    end: int
+    spans: dict[str, tuple[int, int]]
+    children: list[Element]
+
+    def first(self, tag: str) -> Element | None:
+        """Its first child of a name; None if there is none."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+
+class Mimic(NamedTuple):
+    """What brings a joint along: another one, times a factor, plus an offset, rad or m."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+class Joint(NamedTuple):
+    """A joint.
+
+    Attributes:
+        name: of it.
+        type: `revolute`, `continuous`, `prismatic`, `fixed` or another.
+        parent: link on which it is.
+        child: link that it moves.
+        xyz: its place in the parent, (3,), m.
+        rpy: roll, pitch and yaw there, (3,), rad.
+        axis: in its own frame, (3,).
+        limits: the lower and the upper one, rad or m; None where none are stated.
+        mimic: None where it is moved by itself.
+        element: of it.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector
+    axis: Vector
+    limits: tuple[float, float] | None
+    mimic: Mimic | None
+    element: Element
 
 
 class Robot:
     """A robot.
 
     Args:
-        text: of its URDF.
+        content: of its URDF.
         where: the file or topic, for messages.
 
     Attributes:
         where: as given.
-        joints: of the library, by name: `type`, `parent`, `child`, `axis`, `limit`, `mimic`.
+        text: of the URDF, every character of it.
+        encoding: by which that becomes `content` again.
+        joints: by name.
         root: name of the link on which all others stand.
         inertias: of the links that have some: mass, kg, and its centre in the link, (3,), m.
 
     Raises:
-        InputError: the library is missing, or the text is no URDF, or its links make no tree.
+        InputError: the text is no URDF, or a xacro, or its links make no tree.
     """
 
-    def __init__(self, text: bytes, where: str) -> None:
+    def __init__(self, content: bytes, where: str) -> None:
         self.where = where
-        robot = self._parsed(text)
-        self.joints: dict[str, Any] = {joint.name: joint for joint in robot.joints}
-        self._links: dict[str, Any] = {link.name: link for link in robot.links}
-        self._parents: dict[str, Any] = {joint.child: joint for joint in robot.joints}
-        if len(self._parents) < len(robot.joints):
+        self.text, self.encoding = _decoded(content)
+        top = self._parsed()
+        robot = top.first('robot')
+        if robot is None:
+            got = f'its root is <{top.children[0].tag}>' if top.children else 'there is no tag in it'
+            raise self.error(f'is no URDF: expected <robot>, {got}', 'give the URDF of the robot')
+        for each in (part for child in (robot, *robot.children) for part in child.children):
+            if each.tag.startswith('xacro:'):
+                raise self._is_xacro(each, f'<{each.tag}>')
+        links = [(self._word(each, 'name'), each) for each in robot.children if each.tag == 'link']
+        joints = [self._joint(each) for each in robot.children if each.tag == 'joint']
+        self.joints = {joint.name: joint for joint in joints}
+        self._links = dict(links)
+        self._parents = {joint.child: joint for joint in joints}
+        if len(self._parents) < len(joints):
             raise self.error('two of its joints have one child: a loop', 'describe the arm as a tree')
-        if len(self.joints) < len(robot.joints) or len(self._links) < len(robot.links):
+        if len(self.joints) < len(joints) or len(self._links) < len(links):
             raise self.error('two of its joints or links have one name', 'give each its own')
-        links = dict.fromkeys((*self._links, *(joint.parent for joint in robot.joints)))
-        roots = [name for name in links if name not in self._parents]
+        if not links:
+            raise self.error('there is no <link> in its <robot>', 'give the URDF of the robot')
+        names = dict.fromkeys((*self._links, *(joint.parent for joint in joints)))
+        roots = [name for name in names if name not in self._parents]
         if len(roots) != 1:
             remedy = 'describe a tree of links, without a loop'
             raise self.error(f'expected one link without a parent, got {" ".join(roots) or "none"}', remedy)
         self.root = roots[0]
-        weighing = {name: link.inertial for name, link in self._links.items() if link.inertial and link.inertial.mass}
-        self.inertias = {name: (float(i.mass), _matrix(i.origin)[:3, 3]) for name, i in weighing.items()}
+        self.inertias: dict[str, tuple[float, Floats]] = {}
+        for name, link in links:
+            inertial = link.first('inertial')
+            (mass,) = self._numbers(inertial and inertial.first('mass'), 'value', (0.0,))
+            if mass:
+                center = self._numbers(inertial and inertial.first('origin'), 'xyz', (0.0,) * 3)
+                self.inertias[name] = mass, np.array(center)
 
-    def _parsed(self, text: bytes) -> Any:
-        from urdf_parser_py.urdf import URDF
+    def _parsed(self) -> Element:
+        """What contains the elements of the text that are in no other."""
+        top, at = Element('', 0, 0, {}, []), 0
+        opened = [top]
+        while (at := self.text.find('<', at)) >= 0:
+            token, last = _TOKEN.match(self.text, at), opened[-1]
+            if token is None:
+                raise self._error_at(at, f'expected a tag, got {self.text[at : at + 40].split(chr(10))[0]}')
+            if (name := token['closes']) is not None:
+                if name != last.tag or last is top:
+                    expected = f'</{last.tag}> of line {self._line(last.start)} is' if last is not top else 'no end is'
+                    raise self._error_at(at, f'</{name}> where {expected} expected')
+                opened.pop()
+            elif token['tag']:
+                spans: dict[str, tuple[int, int]] = {}
+                for found in re.finditer(_ATTRIBUTE, self.text[at : token.end()]):
+                    spans.setdefault(found[1], (at + found.start(2) + 1, at + found.end(2) - 1))
+                last.children.append(element := Element(token['tag'], at, token.end(), spans, []))
+                if not token['is_empty']:
+                    opened.append(element)
+            at = token.end()
+        if opened[-1] is not top:
+            raise self._error_at(opened[-1].start, f'<{opened[-1].tag}> has no end')
+        return top
 
+    def _joint(self, of: Element) -> Joint:
+        """The joint of an element."""
+        links = [of.first('parent'), of.first('child')]
+        if None in links:
+            raise self._error_at(of.start, f'a joint without <{("parent", "child")[links.index(None)]}>')
+        parent, child = (self._word(link, 'link') for link in links if link)
+        name, kind, origin, limit, mimic = self._word(of, 'name'), self._word(of, 'type'), *map(of.first, _PARTS)
+        axis = None if kind in ('fixed', 'floating') else of.first('axis')
+        lower, upper = (self._numbers(limit, key, (0.0,))[0] for key in ('lower', 'upper'))
+        factor, offset = (
+            self._numbers(mimic, key, (usual,))[0] for key, usual in (('multiplier', 1.0), ('offset', 0.0))
+        )
+        return Joint(
+            name,
+            kind,
+            parent,
+            child,
+            xyz=self._numbers(origin, 'xyz', (0.0,) * 3),
+            rpy=self._numbers(origin, 'rpy', (0.0,) * 3),
+            axis=self._numbers(axis, 'xyz', (1.0, 0.0, 0.0)),
+            limits=(lower, upper) if limit else None,
+            mimic=Mimic(self._word(mimic, 'joint'), factor, offset) if mimic else None,
+            element=of,
+        )
+
+    def _word(self, element: Element, key: str) -> str:
+        """The value of an attribute that has to be there."""
+        if key not in element.spans:
+            raise self._error_at(element.start, f'<{element.tag}> without {key}')
+        text = unescape(self.text[slice(*element.spans[key])])
+        if '${' in text or '$(' in text:
+            raise self._is_xacro(element, f'{key}="{text}"')
+        return text
+
+    def _numbers(self, element: Element | None, key: str, usual: Vector) -> Vector:
+        """As many numbers as usual; these where the element or the attribute is missing."""
+        if element is None or key not in element.spans:
+            return usual
+        text = self._word(element, key)
         try:
-            tree = ElementTree.fromstring(text)
-            for parent, kept in [(tree, set(_KEPT)), *((child, _KEPT.get(child.tag, set())) for child in tree)]:
-                for child in [child for child in parent if child.tag not in kept]:
-                    parent.remove(child)
-                if parent is not tree and len({child.tag for child in parent}) < len(parent):
-                    raise ValueError(f'{parent.tag} {parent.get("name")!r} has one of its elements twice')
-            with redirect_stderr(io.StringIO()):  # of attributes that it does not know
-                return URDF.from_xml_string(ElementTree.tostring(tree))
-        except Exception as error:  # whatever the library raises
-            raise self.error(f'is no valid URDF: {error}', 'check_urdf FILE says more') from error
+            values = tuple(map(float, text.split()))
+        except ValueError:
+            values = ()
+        if len(values) != len(usual):
+            number = '3 numbers' if len(usual) > 1 else 'a number'
+            raise self._error_at(element.start, f'expected {number}, got {key}="{text}" in <{element.tag}>')
+        return values
+
+    def _line(self, at: int) -> int:
+        return self.text.count('\n', 0, at) + 1
+
+    def _error_at(self, at: int, problem: str) -> InputError:
+        return self.error(f'is no valid URDF: line {self._line(at)}: {problem}', 'correct it there')
+
+    def _is_xacro(self, element: Element, what: str) -> InputError:
+        problem = f'a xacro is a program, and line {self._line(element.start)} has {what}'
+        return self.error(problem, f'expand it: xacro {self.where} > expanded.urdf')
 
     def error(self, problem: str, remedy: str = '') -> InputError:
         """An error that names the file."""
         return InputError(self.where, problem, remedy)
 
-    def joint(self, name: str) -> Any:
+    def joint(self, name: str) -> Joint:
         """A joint.
 
         Raises:
@@ -92,7 +251,7 @@ class Robot:
             raise self.error(f'there is no joint {name!r}', did_you_mean(name, moving, 'its joints are'))
         return self.joints[name]
 
-    def turning(self, name: str) -> Any:
+    def turning(self, name: str) -> Joint:
         """A joint that turns and is moved by itself.
 
         Raises:
@@ -104,7 +263,7 @@ class Robot:
             raise self.error(f'joint {name!r} {kind}', 'choose a joint that turns by itself')
         return joint
 
-    def chain(self, link: str) -> list[Any]:
+    def chain(self, link: str) -> list[Joint]:
         """The joints from the root to a link.
 
         Raises:
@@ -112,7 +271,7 @@ class Robot:
         """
         if link not in self._links:
             raise self.error(f'there is no link {link!r}', did_you_mean(link, self._links, 'its links are'))
-        found: list[Any] = []
+        found: list[Joint] = []
         while link in self._parents:
             found.insert(0, self._parents[link])
             link = found[0].parent
@@ -129,7 +288,9 @@ class Robot:
         """
         found = np.eye(4)
         for joint in self.chain(link):
-            found = found @ _matrix(joint.origin)
+            step = np.eye(4)
+            step[:3, :3], step[:3, 3] = Rotation.from_euler('xyz', joint.rpy).as_matrix(), joint.xyz
+            found = found @ step
             along = np.array(axis_of(joint)) * self._position(joint, positions)
             if joint.type in _TURNING:
                 found[:3, :3] = found[:3, :3] @ Rotation.from_rotvec(along).as_matrix()
@@ -139,12 +300,11 @@ class Robot:
                 raise self.error(f'joint {joint.name!r} has no axis, or a number that is not finite', 'correct it')
         return found
 
-    def _position(self, joint: Any, positions: Mapping[str, float]) -> float:
+    def _position(self, joint: Joint, positions: Mapping[str, float]) -> float:
         mimic = joint.mimic
         if not mimic or mimic.joint == joint.name:
             return float(positions.get(joint.name, 0.0))
-        of = float(positions.get(mimic.joint, 0.0))
-        return of * (1.0 if mimic.multiplier is None else mimic.multiplier) + (mimic.offset or 0.0)
+        return float(positions.get(mimic.joint, 0.0)) * mimic.multiplier + mimic.offset
 
     def masses_beyond(self, joint: str, positions: Mapping[str, float]) -> Iterator[tuple[str, tuple[float, Floats]]]:
         """Name, mass, kg, and centre in the root, (3,), m, of each link that a joint moves."""
@@ -155,37 +315,30 @@ class Robot:
                 yield name, (mass, (self.frame(name, positions) @ [*center, 1.0])[:3])
 
 
-def axis_of(joint: Any) -> tuple[float, float, float]:
+def axis_of(joint: Joint) -> tuple[float, float, float]:
     """The axis of a joint in its own frame, of unit length."""
-    axis = np.array(joint.axis or (1.0, 0.0, 0.0), dtype=float)
+    axis = np.array(joint.axis)
     x, y, z = (axis / (np.linalg.norm(axis) or np.nan)).tolist()
     return x, y, z
 
 
-def _matrix(origin: Any) -> Floats:
-    """An origin of the library as a transform, (4, 4)."""
-    found = np.eye(4)
-    if origin is not None:
-        found[:3, :3] = Rotation.from_euler('xyz', origin.rpy or (0.0, 0.0, 0.0)).as_matrix()
-        found[:3, 3] = origin.xyz or (0.0, 0.0, 0.0)
-    return found
+def _decoded(content: bytes) -> tuple[str, str]:
+    """The text of a file, and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, which takes any byte."""
+    mark = {b'\xff\xfe': 'utf-16-le', b'\xfe\xff': 'utf-16-be'}.get(content[:2])
+    declared = re.search(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)""", content[:1000])
+    for encoding in (mark or (declared[1].decode() if declared else 'utf-8'), 'utf-8'):
+        with suppress(LookupError, UnicodeError):
+            if (text := content.decode(encoding)).encode(encoding) == content:
+                return text, encoding
+    return content.decode('latin-1'), 'latin-1'
 
 
 def read_robot(path: Path) -> Robot:
     """The robot of a URDF file.
 
     Raises:
-        InputError: the file cannot be read, or is none.
-    """
-    return Robot(read_bytes(path), str(path))
-
-
-def read_bytes(path: Path) -> bytes:
-    """The content of a URDF file.
-
-    Raises:
-        InputError: it cannot be read, or is a xacro.
+        InputError: the file cannot be read, or is none, or a xacro.
     """
     if path.suffix == '.xacro':
         raise InputError(path, 'a xacro is a program', f'expand it: xacro {path} > robot.urdf')
-    return read_file(path, InputError, MOST_BYTES, 'URDF')
+    return Robot(read_file(path, InputError, MOST_BYTES, 'URDF'), str(path))

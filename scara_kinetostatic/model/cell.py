@@ -657,6 +657,11 @@ class Cell:
         """Names of the controller's joints beside the two: the lift, then those to be held."""
         return (*((self.lift.joint,) if self.lift else ()), *self.hold)
 
+    @property
+    def positions(self) -> dict[str, float]:
+        """Where they are in a touch, by name, rad or m."""
+        return {**({self.lift.joint: self.lift.down} if self.lift else {}), **self.hold}
+
     def moved(self, others: Floats) -> Mask:
         """Which of the other joints are not where they are to be held, for positions (…, h), rad or m; NaN: unknown."""
         held = np.array([self.hold.get(name, np.nan) for name in self.other_joints])

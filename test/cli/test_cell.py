@@ -12,7 +12,6 @@ from cli.conftest import SLOW
 from files.robots import SCARA
 from files.test_robot_cell import cell_of
 
-pytest.importorskip('urdf_parser_py')
 OBJECTS = """objects:
   - {name: disc_1, center: [0.35, 0.20], radius: 0.05}
   - {name: disc_2, center: [0.20, -0.30], radius: 0.04}
