@@ -186,10 +186,8 @@ class Robot:
         parent, child = (self._word(link, 'link') for link in links if link)
         name, kind, origin, limit, mimic = self._word(of, 'name'), self._word(of, 'type'), *map(of.first, _PARTS)
         axis = None if kind in ('fixed', 'floating') else of.first('axis')
-        lower, upper = (self._numbers(limit, key, (0.0,))[0] for key in ('lower', 'upper'))
-        factor, offset = (
-            self._numbers(mimic, key, (usual,))[0] for key, usual in (('multiplier', 1.0), ('offset', 0.0))
-        )
+        (lower,), (upper,) = (self._numbers(limit, key, (0.0,)) for key in ('lower', 'upper'))
+        (factor,), (offset,) = self._numbers(mimic, 'multiplier', (1.0,)), self._numbers(mimic, 'offset', (0.0,))
         return Joint(
             name,
             kind,
@@ -323,7 +321,7 @@ def axis_of(joint: Joint) -> tuple[float, float, float]:
 
 
 def _decoded(content: bytes) -> tuple[str, str]:
-    """The text of a file, and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, which takes any byte."""
+    """The text of a file and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, which has every byte."""
     mark = {b'\xff\xfe': 'utf-16-le', b'\xfe\xff': 'utf-16-be'}.get(content[:2])
     declared = re.search(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)""", content[:1000])
     for encoding in (mark or (declared[1].decode() if declared else 'utf-8'), 'utf-8'):
