@@ -321,7 +321,7 @@ def axis_of(joint: Joint) -> tuple[float, float, float]:
 
 
 def _decoded(content: bytes) -> tuple[str, str]:
-    """The text of a file and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, which has every byte."""
+    """The text of a file and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, of any byte."""
     mark = {b'\xff\xfe': 'utf-16-le', b'\xfe\xff': 'utf-16-be'}.get(content[:2])
     declared = re.search(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)""", content[:1000])
     for encoding in (mark or (declared[1].decode() if declared else 'utf-8'), 'utf-8'):

@@ -681,6 +681,14 @@ def _coupled(joints: Floats, part: float) -> Floats:
     return np.stack([joints[..., 0], joints[..., 1] + part * joints[..., 0]], axis=-1) if part else joints
 
 
+def turned_limits(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
+    """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
+    if limits is None:
+        return None
+    one, other = (pair if sign > 0 else (-pair[1], -pair[0]) for pair, sign in zip(limits, direction, strict=True))
+    return one, other
+
+
 def different_parts(one: Cell, other: Cell) -> list[str]:
     """Sections of the cell file in which two descriptions differ, discs by name."""
     robots = [(cell.nominal, cell.joint_names, cell.coupling, cell.direction, cell.plane) for cell in (one, other)]
