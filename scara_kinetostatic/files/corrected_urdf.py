@@ -11,6 +11,7 @@ All else stays to the last byte. The tip is then that of the rigid arm, H(L, Q).
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from math import pi
@@ -21,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.robot_cell import planar_arm
-from scara_kinetostatic.files.robot_urdf import Joint, Robot, axis_of
+from scara_kinetostatic.files.robot_urdf import ATTRIBUTE, TOKEN, Joint, Robot, axis_of
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import wrap
@@ -99,20 +100,23 @@ def with_origins(robot: Robot, origins: Mapping[str, Origin]) -> bytes:
 
 def _changes(robot: Robot, joint: Joint, origin: Origin) -> list[tuple[int, int, str]]:
     """What makes an origin that of a joint: from where to where there is another text, and this."""
-    of, values = joint.element.first('origin'), {key: value.tolist() for key, value in origin._asdict().items()}
-    if of is None:
-        place = joint.element.children[0].start
-        before = robot.text[joint.element.end : place]
-        words = (f'{key}="{" ".join(map(repr, value))}"' for key, value in values.items())
-        return [(place, place, f'<origin {" ".join(words)}/>{before[len(before.rstrip()) :]}')]
-    found = []
-    for key, value in values.items():
-        old = getattr(joint, key)
-        if key in of.spans and list(old) != value:
-            start, end = of.spans[key]
-            texts = zip(robot.text[start:end].split(), old, value, strict=True)
-            found.append((start, end, ' '.join(text if was == now else repr(now) for text, was, now in texts)))
-        elif list(old) != value:
-            place = robot.text.index(of.tag, of.start) + len(of.tag)
-            found.append((place, place, f' {key}="{" ".join(map(repr, value))}"'))
-    return found
+    element, pairs = joint.element.find('origin'), {'xyz': (joint.xyz, origin.xyz), 'rpy': (joint.rpy, origin.rpy)}
+    moved = {key: (old, new.tolist()) for key, (old, new) in pairs.items() if (new != old).any()}
+    if element is None:
+        place = robot.starts[joint.element[0]]
+        words = ''.join(f' {key}="{" ".join(map(repr, new))}"' for key, (_, new) in moved.items())
+        before = robot.text[:place]
+        return [(place, place, f'<origin{words}/>{before[len(before.rstrip()) :]}')]
+    tag = TOKEN.match(robot.text, robot.starts[element])
+    assert tag is not None  # it was one when it was read
+    spans = {found[1]: found.span(2) for found in reversed([*re.finditer(ATTRIBUTE, tag[0])])}
+    changes, begin, behind = [], tag.start() + 1, tag.end('tag')
+    for key, (old, new) in moved.items():
+        if key not in spans:
+            changes.append((behind, behind, f' {key}="{" ".join(map(repr, new))}"'))
+            continue
+        start, end = spans[key]
+        texts = zip(tag[0][start + 1 : end - 1].split(), old, new, strict=True)
+        kept = ' '.join(text if was == now else repr(now) for text, was, now in texts)
+        changes.append((begin + start, begin + end - 2, kept))
+    return changes

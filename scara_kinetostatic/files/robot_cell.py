@@ -231,8 +231,8 @@ def _held(
     between = names[names.index(joints[0]) : names.index(joints[1])]
     first, lifts = _axis(robot, robot.joints[joints[0]], at), list[Lift]()
     for joint in (joint for joint in chain if joint.name not in joints):
-        if joint.mimic or joint.type not in ('fixed', 'revolute', 'continuous', 'prismatic'):
-            kind = f'mimics {joint.mimic.joint}' if joint.mimic else f'is {joint.type}'
+        if joint.mimics or joint.type not in ('fixed', 'revolute', 'continuous', 'prismatic'):
+            kind = f'mimics {joint.mimics}' if joint.mimics else f'is {joint.type}'
             raise robot.error(f'joint {joint.name!r} on the way to {tip!r} {kind}', 'choose another --tip')
         if joint.type != 'prismatic':
             continue
@@ -246,7 +246,7 @@ def _held(
             problem = f'joint {joint.name!r} between the two is prismatic: link 1 has no length of its own'
             raise robot.error(problem, 'choose other joints, or make it fixed in a copy of the URDF')
     for name in at:
-        if name in joints or robot.joint(name).type == 'fixed' or robot.joint(name).mimic:
+        if name in joints or robot.joint(name).type == 'fixed' or robot.joint(name).mimics:
             raise robot.error(f'--at {name}: it is not a joint to be held', 'name other joints that move')
     lift = max(lifts, key=lambda each: each.joint not in at, default=None)  # that next to the tip
     moving = {*joints, *({lift.joint} - at.keys() if lift else ())}

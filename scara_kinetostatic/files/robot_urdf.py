@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from html import unescape
 from pathlib import Path
-from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,54 +26,28 @@ from scara_kinetostatic.model.arrays import Floats
 
 MOST_BYTES = 16 * 1024**2
 """A larger file is no URDF."""
-_TURNING = ('revolute', 'continuous')
-_ATTRIBUTE = r"""([^\s<>/="']+)\s*=\s*("[^"]*"|'[^']*')"""
-_TOKEN = re.compile(
+ATTRIBUTE = r"""([^\s<>/="']+)\s*=\s*("[^"]*"|'[^']*')"""
+TOKEN = re.compile(
     r'<!--.*?-->|<!\[CDATA\[.*?\]\]>|<!(?!--)[^>]*>|<\?.*?\?>|</(?P<closes>[^\s<>]+)[^<>]*>|'
-    rf"""<\s*(?P<tag>[^\s<>/="'!?]+)(?=[\s/>])(?:\s*{_ATTRIBUTE})*\s*(?P<is_empty>/?)>""",
+    rf"""<\s*(?P<tag>[^\s<>/="'!?]+)(?=[\s/>])(?:\s*{ATTRIBUTE})*\s*(?P<is_empty>/?)>""",
     re.DOTALL,
 )
 """A comment, characters, a declaration, an instruction, an end tag or a start tag."""
-
-_PARTS = ('origin', 'limit', 'mimic')
+_MIMIC = ('multiplier', (1.0,)), ('offset', (0.0,))
+_TURNING = ('revolute', 'continuous')
 
 Vector = tuple[float, ...]
 
 
-class Element(NamedTuple):
-    """An element of a URDF.
-
-    Attributes:
-        tag: its name.
-        start: where its start tag begins in the text.
-        end: where that ends.
-        spans: of the value of each attribute, without its quotes.
-        children: in it.
-    """
-
-    tag: str
-    start: int
-    end: int
-    spans: dict[str, tuple[int, int]]
-    children: list[Element]
-
-    def first(self, tag: str) -> Element | None:
-        """Its first child of a name; None if there is none."""
-        return next((child for child in self.children if child.tag == tag), None)
-
-
-class Mimic(NamedTuple):
-    """What brings a joint along: another one, times a factor, plus an offset, rad or m."""
-
-    joint: str
-    multiplier: float
-    offset: float
-
-
-class Joint(NamedTuple):
+class Joint:
     """A joint.
 
+    Args:
+        robot: whose it is.
+        of: the element that describes it.
+
     Attributes:
+        element: as given.
         name: of it.
         type: `revolute`, `continuous`, `prismatic`, `fixed` or another.
         parent: link on which it is.
@@ -82,20 +56,24 @@ class Joint(NamedTuple):
         rpy: roll, pitch and yaw there, (3,), rad.
         axis: in its own frame, (3,).
         limits: the lower and the upper one, rad or m; None where none are stated.
-        mimic: None where it is moved by itself.
-        element: of it.
+        mimics: the joint that brings it along, by a factor and an offset; empty where it is moved by itself.
+        factor: of that.
+        offset: of that, rad or m.
+
+    Raises:
+        InputError: something of it is missing, or no number.
     """
 
-    name: str
-    type: str
-    parent: str
-    child: str
-    xyz: Vector
-    rpy: Vector
-    axis: Vector
-    limits: tuple[float, float] | None
-    mimic: Mimic | None
-    element: Element
+    def __init__(self, robot: Robot, of: Element) -> None:
+        self.element, self.name, self.type = of, robot.word(of, 'name'), robot.word(of, 'type')
+        self.parent, self.child = (robot.word(of, 'link', tag) for tag in ('parent', 'child'))
+        self.xyz, self.rpy = (robot.numbers(of, key, 'origin', (0.0,) * 3) for key in ('xyz', 'rpy'))
+        axis = 'no axis' if self.type in ('fixed', 'floating') else 'axis'
+        self.axis = robot.numbers(of, 'xyz', axis, (1.0, 0.0, 0.0))
+        (low,), (high,) = (robot.numbers(of, key, 'limit', (0.0,)) for key in ('lower', 'upper'))
+        self.limits = None if of.find('limit') is None else (low, high)
+        self.mimics = '' if of.find('mimic') is None else robot.word(of, 'joint', 'mimic')
+        (self.factor,), (self.offset,) = (robot.numbers(of, key, 'mimic', usual) for key, usual in _MIMIC)
 
 
 class Robot:
@@ -109,6 +87,7 @@ class Robot:
         where: as given.
         text: of the URDF, every character of it.
         encoding: by which that becomes `content` again.
+        starts: where the start tag of each element begins in the text.
         joints: by name.
         root: name of the link on which all others stand.
         inertias: of the links that have some: mass, kg, and its centre in the link, (3,), m.
@@ -120,16 +99,17 @@ class Robot:
     def __init__(self, content: bytes, where: str) -> None:
         self.where = where
         self.text, self.encoding = _decoded(content)
+        self.starts: dict[Element, int] = {}
         top = self._parsed()
-        robot = top.first('robot')
+        robot = top.find('robot')
         if robot is None:
-            got = f'its root is <{top.children[0].tag}>' if top.children else 'there is no tag in it'
+            got = f'its root is <{top[0].tag}>' if len(top) else 'there is no tag in it'
             raise self.error(f'is no URDF: expected <robot>, {got}', 'give the URDF of the robot')
-        for each in (part for child in (robot, *robot.children) for part in child.children):
+        for each in robot.iter():
             if each.tag.startswith('xacro:'):
                 raise self._is_xacro(each, f'<{each.tag}>')
-        links = [(self._word(each, 'name'), each) for each in robot.children if each.tag == 'link']
-        joints = [self._joint(each) for each in robot.children if each.tag == 'joint']
+        links = [(self.word(each, 'name'), each) for each in robot.findall('link')]
+        joints = [Joint(self, each) for each in robot.findall('joint')]
         self.joints = {joint.name: joint for joint in joints}
         self._links = dict(links)
         self._parents = {joint.child: joint for joint in joints}
@@ -147,81 +127,61 @@ class Robot:
         self.root = roots[0]
         self.inertias: dict[str, tuple[float, Floats]] = {}
         for name, link in links:
-            inertial = link.first('inertial')
-            (mass,) = self._numbers(inertial and inertial.first('mass'), 'value', (0.0,))
-            if mass:
-                center = self._numbers(inertial and inertial.first('origin'), 'xyz', (0.0,) * 3)
-                self.inertias[name] = mass, np.array(center)
+            inertial = link.find('inertial')
+            if inertial is not None and (mass := self.numbers(inertial, 'value', 'mass', (0.0,))[0]):
+                self.inertias[name] = mass, np.array(self.numbers(inertial, 'xyz', 'origin', (0.0,) * 3))
 
     def _parsed(self) -> Element:
         """What contains the elements of the text that are in no other."""
-        top, at = Element('', 0, 0, {}, []), 0
-        opened = [top]
+        at, opened = 0, [Element('')]
         while (at := self.text.find('<', at)) >= 0:
-            token, last = _TOKEN.match(self.text, at), opened[-1]
+            token, last = TOKEN.match(self.text, at), opened[-1]
             if token is None:
                 raise self._error_at(at, f'expected a tag, got {self.text[at : at + 40].split(chr(10))[0]}')
             if (name := token['closes']) is not None:
-                if name != last.tag or last is top:
-                    expected = f'</{last.tag}> of line {self._line(last.start)} is' if last is not top else 'no end is'
-                    raise self._error_at(at, f'</{name}> where {expected} expected')
+                if name != last.tag:
+                    end = f'</{last.tag}> of line {self._line(self.starts[last])}' if last.tag else 'no end'
+                    raise self._error_at(at, f'</{name}> where {end} is expected')
                 opened.pop()
             elif token['tag']:
-                spans: dict[str, tuple[int, int]] = {}
-                for found in re.finditer(_ATTRIBUTE, self.text[at : token.end()]):
-                    spans.setdefault(found[1], (at + found.start(2) + 1, at + found.end(2) - 1))
-                last.children.append(element := Element(token['tag'], at, token.end(), spans, []))
-                if not token['is_empty']:
-                    opened.append(element)
+                attributes = {key: unescape(value[1:-1]) for key, value in reversed(re.findall(ATTRIBUTE, token[0]))}
+                element = SubElement(last, token['tag'], attributes)
+                self.starts[element] = at
+                opened += [] if token['is_empty'] else [element]
             at = token.end()
-        if opened[-1] is not top:
-            raise self._error_at(opened[-1].start, f'<{opened[-1].tag}> has no end')
-        return top
+        if len(opened) > 1:
+            raise self._error_at(self.starts[opened[-1]], f'<{opened[-1].tag}> has no end')
+        return opened[0]
 
-    def _joint(self, of: Element) -> Joint:
-        """The joint of an element."""
-        links = [of.first('parent'), of.first('child')]
-        if None in links:
-            raise self._error_at(of.start, f'a joint without <{("parent", "child")[links.index(None)]}>')
-        parent, child = (self._word(link, 'link') for link in links if link)
-        name, kind, origin, limit, mimic = self._word(of, 'name'), self._word(of, 'type'), *map(of.first, _PARTS)
-        axis = None if kind in ('fixed', 'floating') else of.first('axis')
-        (lower,), (upper,) = (self._numbers(limit, key, (0.0,)) for key in ('lower', 'upper'))
-        (factor,), (offset,) = self._numbers(mimic, 'multiplier', (1.0,)), self._numbers(mimic, 'offset', (0.0,))
-        return Joint(
-            name,
-            kind,
-            parent,
-            child,
-            xyz=self._numbers(origin, 'xyz', (0.0,) * 3),
-            rpy=self._numbers(origin, 'rpy', (0.0,) * 3),
-            axis=self._numbers(axis, 'xyz', (1.0, 0.0, 0.0)),
-            limits=(lower, upper) if limit else None,
-            mimic=Mimic(self._word(mimic, 'joint'), factor, offset) if mimic else None,
-            element=of,
-        )
+    def word(self, of: Element, key: str, tag: str = '') -> str:
+        """The value of an attribute of an element, or of its first child of a name.
 
-    def _word(self, element: Element, key: str) -> str:
-        """The value of an attribute that has to be there."""
-        if key not in element.spans:
-            raise self._error_at(element.start, f'<{element.tag}> without {key}')
-        text = unescape(self.text[slice(*element.spans[key])])
+        Raises:
+            InputError: there is none, or it is one of a xacro.
+        """
+        element = of.find(tag) if tag else of
+        text = None if element is None else element.get(key)
+        if text is None:
+            raise self._error_at(self.starts[of], f'a {of.tag} without {f"<{tag}> with " if tag else ""}{key}')
         if '${' in text or '$(' in text:
-            raise self._is_xacro(element, f'{key}="{text}"')
+            raise self._is_xacro(of, f'{key}="{text}"')
         return text
 
-    def _numbers(self, element: Element | None, key: str, usual: Vector) -> Vector:
-        """As many numbers as usual; these where the element or the attribute is missing."""
-        if element is None or key not in element.spans:
+    def numbers(self, of: Element, key: str, tag: str, usual: Vector) -> Vector:
+        """The same as numbers, as many as usual; these where there are none.
+
+        Raises:
+            InputError: there are others.
+        """
+        element, values = of.find(tag), Vector()
+        if element is None or element.get(key) is None:
             return usual
-        text = self._word(element, key)
-        try:
+        text = self.word(element, key)
+        with suppress(ValueError):
             values = tuple(map(float, text.split()))
-        except ValueError:
-            values = ()
         if len(values) != len(usual):
-            number = '3 numbers' if len(usual) > 1 else 'a number'
-            raise self._error_at(element.start, f'expected {number}, got {key}="{text}" in <{element.tag}>')
+            expected = '3 numbers' if len(usual) > 1 else 'a number'
+            raise self._error_at(self.starts[element], f'expected {expected}, got {key}="{text}" in <{tag}>')
         return values
 
     def _line(self, at: int) -> int:
@@ -231,7 +191,7 @@ class Robot:
         return self.error(f'is no valid URDF: line {self._line(at)}: {problem}', 'correct it there')
 
     def _is_xacro(self, element: Element, what: str) -> InputError:
-        problem = f'a xacro is a program, and line {self._line(element.start)} has {what}'
+        problem = f'a xacro is a program, and line {self._line(self.starts[element])} has {what}'
         return self.error(problem, f'expand it: xacro {self.where} > expanded.urdf')
 
     def error(self, problem: str, remedy: str = '') -> InputError:
@@ -256,8 +216,8 @@ class Robot:
             InputError: it does not.
         """
         joint = self.joint(name)
-        if joint.type not in _TURNING or joint.mimic:
-            kind = f'mimics {joint.mimic.joint}' if joint.mimic else f'is {joint.type}, not revolute'
+        if joint.type not in _TURNING or joint.mimics:
+            kind = f'mimics {joint.mimics}' if joint.mimics else f'is {joint.type}, not revolute'
             raise self.error(f'joint {name!r} {kind}', 'choose a joint that turns by itself')
         return joint
 
@@ -299,10 +259,9 @@ class Robot:
         return found
 
     def _position(self, joint: Joint, positions: Mapping[str, float]) -> float:
-        mimic = joint.mimic
-        if not mimic or mimic.joint == joint.name:
-            return float(positions.get(joint.name, 0.0))
-        return float(positions.get(mimic.joint, 0.0)) * mimic.multiplier + mimic.offset
+        is_moved = joint.mimics in ('', joint.name)
+        at = float(positions.get(joint.name if is_moved else joint.mimics, 0.0))
+        return at if is_moved else at * joint.factor + joint.offset
 
     def masses_beyond(self, joint: str, positions: Mapping[str, float]) -> Iterator[tuple[str, tuple[float, Floats]]]:
         """Name, mass, kg, and centre in the root, (3,), m, of each link that a joint moves."""
