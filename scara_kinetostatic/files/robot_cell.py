@@ -207,6 +207,8 @@ def robot_cell(
     )
     where = f'the cell of {robot.where}'
     read_cell(parse_yaml(text, where, CellError), where, may_be_empty=True)  # whoever reads it finds it right
+    if lift and lift.joint not in held:
+        notes.append(f'{lift.joint} is proposed as robot.lift, up {lift.up:g} and down {lift.down:g} m: check both')
     return text, notes + guessed
 
 

@@ -179,10 +179,8 @@ def test_what_narrow_limits_leave_is_the_workspace(measured: Calibration, region
     """The grid is that of the little that is left, the part that it is is stated."""
     c = replace(measured, cell=replace(measured.cell, region=region, limits=((0.4, 0.8), (0.6, 1.1))))
     area, tip = workspace(c), tip_uncertainty(c)
-    assert (
-        c.cell.can_take(area.poses.joints).all()
-        and region.holds(forward(c.parameters, area.poses.joints).round(9)).all()
-    )
+    assert c.cell.can_take(area.poses.joints).all()
+    assert region.holds(forward(c.parameters, area.poses.joints).round(9)).all()
     assert area.reached.any(axis=0).sum() > 200
     square = 0.33**2 * 0.4 * (np.cos(0.6) - np.cos(1.1)) / (np.pi * (0.985 * 0.66) ** 2)
     assert 0 < tip.share < 0.1 and (region == REGION or tip.share == pytest.approx(square, rel=0.3))

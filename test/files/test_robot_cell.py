@@ -311,8 +311,9 @@ COLUMN = '<axis xyz="0 0 -1"/>\n    <limit lower="0" upper="0.2" effort="1" velo
 )  # fmt: skip
 def test_a_joint_along_the_normal_is_the_lift(change: tuple[str, str], at: dict[str, float], lift: Lift | None) -> None:
     changed = SCARA.replace(*change)
-    text, _ = described(changed, at=at)
+    text, notes = described(changed, at=at)
     cell, tree = cell_of(text), Tree(changed)
+    assert any('quill is proposed as robot.lift, up ' in note for note in notes) == bool(lift)
     assert cell.lift == lift and ('quill' in cell.hold) == (lift is None)
     assert ('# lift: {joint: quill, up: 0.0, down: 0.05}' in text) == bool(at)
     _, tip = tree.frame('tool', cell.positions)
