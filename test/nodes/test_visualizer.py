@@ -107,7 +107,7 @@ def test_beside_a_driver_the_description_is_the_drivers(bench: Callable[..., Any
 def test_robot_description_has_limits_and_lift_of_the_cell(bench: Callable[..., Any], tmp_path: Path) -> None:
     path = tmp_path / 'lifted.yaml'
     path.write_text(dump_cell(replace(PAPER_CELL, limits=((-1.0, 2.0), (-2.0, 2.5)), lift=Lift('joint3', 0.02, 0.0))))
-    cell = bench(Visualizer, on=Cell, cell=path)
+    cell = bench(Visualizer, on=Cell, cell=path, publish_urdf=True)
     cell.wait(lambda: 'robot_description' in cell.heard)
     robot = Robot(cell.heard['robot_description'].data.encode(), 'robot_description')
     moving = {name: (joint.type, joint.limits) for name, joint in robot.joints.items() if joint.type != 'fixed'}
