@@ -7,9 +7,8 @@ from setuptools import find_packages, setup
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
-URDF = ['urdfdom_py', 'lxml']  # for the verb `cell` and `export --into`
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'example-robot-data']
-TEST += [*URDF, *PHYSICS, 'xacro']
+TEST += [*PHYSICS, 'xacro']
 BENCH = [
     'casadi',
     'mcap-ros2-support',
@@ -83,7 +82,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'urdf': URDF, 'test': TEST, 'physics': PHYSICS, 'bench': BENCH, 'docs': DOCS},
+    extras_require={'ros': ROS, 'urdf': [], 'test': TEST, 'physics': PHYSICS, 'bench': BENCH, 'docs': DOCS},
     zip_safe=False,
     entry_points={
         'console_scripts': [

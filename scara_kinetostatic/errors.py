@@ -20,8 +20,8 @@ from pathlib import Path
 
 PYPI = ('rosbags', 'mcap', 'lz4', 'zstandard', 'threadpoolctl')
 """What reads and writes recordings, and `threads`, by the names of pip; apt does not have all of them."""
-_PIP = {'yaml': 'pyyaml', 'urdf_parser_py': 'urdfdom_py', 'mujoco': "'mujoco>=3.13'", 'control_msgs': ''}
-_APT = {**dict.fromkeys((*PYPI, 'mujoco'), ''), 'urdf_parser_py': 'ros-jazzy-urdfdom-py'}
+_PIP = {'yaml': 'pyyaml', 'mujoco': "'mujoco>=3.13'", 'control_msgs': ''}
+_APT = dict.fromkeys((*PYPI, 'mujoco'), '')
 """Names by which pip and apt install a module, empty for not at all; else its own, and that after `python3-`."""
 
 

@@ -21,7 +21,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, tip_covariance
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -436,3 +436,6 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     missing += ['no tolerance'] * (c.cell.tolerance is None)
     if missing:
         yield f'the cell description declares {" and ".join(missing)}'
+    if (share := evidence.tip_uncertainty.share) < LEAST_WITHIN:
+        left = f'robot.limits leave {100 * share:.2g} % of the {c.cell.region.title} within reach'
+        yield f'{left}: the uncertainty of the tip is that of these places'

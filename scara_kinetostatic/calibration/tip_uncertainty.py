@@ -53,7 +53,7 @@ NEARLY_STRETCHED = 0.985
 POSTURES = (1, -1)
 """Of the elbow: left and right."""
 LEAST_WITHIN = 0.1
-"""Of the places within reach, or of the touches: limits of the joints that leave less are a mistake."""
+"""Of the touches: limits of the joints that leave fewer are a mistake; of the places within reach: that is said."""
 
 
 class Poses(NamedTuple):
@@ -126,6 +126,7 @@ class TipUncertainty(NamedTuple):
         undetermined: part of the places where the data do not determine it, 0 to 1.
         maps: of each posture.
         alone: part of the places that the limits of the joints leave to the left posture alone, and to the right one.
+        share: part of the region within reach that these limits leave, 0 to 1.
     """
 
     median: float
@@ -136,6 +137,7 @@ class TipUncertainty(NamedTuple):
     undetermined: float
     maps: tuple[UncertaintyMap, ...]
     alone: tuple[float, float]
+    share: float
 
 
 class Workspace(NamedTuple):
@@ -146,6 +148,7 @@ class Workspace(NamedTuple):
         y: of its rows, (m,), m.
         reached: which places of the grid count in each of `POSTURES`, (2, m, k).
         alone: part of the places that the limits of the joints leave to each of them alone.
+        share: part of the region within reach that these leave, 0 to 1.
         poses: P places posture by posture, each under all forces: (P · forces,).
         touched: whether a place is between the touches, (P,).
         derivative: of the tip by the values of the model, (P · forces, 2, 12 + k).
@@ -156,6 +159,7 @@ class Workspace(NamedTuple):
     y: Floats
     reached: Mask
     alone: tuple[float, float]
+    share: float
     poses: Poses
     touched: Mask
     derivative: Floats
@@ -195,49 +199,65 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     return with_effects(base, c.full_model, jacobian(p, links), np.ones(len(links)), state)
 
 
-def possible_poses(p: Parameters, cell: Cell, places: Floats, reached: Mask) -> Mask:
-    """Which of the places (…, 2), m, that the arm reaches are in the region, and within the limits of the joints in
-    each of `POSTURES`, (2, …).
+class RegionGrid(NamedTuple):
+    """A grid of the workspace.
 
-    Raises:
-        ParameterError: no place of the region is within reach, or less than a tenth within the limits.
+    Attributes:
+        x: of its columns, (count,), m.
+        y: of its rows, (count,), m.
+        places: of them, (count, count, 2), m.
+        possible: which of them are in the region, and within the limits of the joints in each of `POSTURES`,
+            (2, count, count).
+        share: part of the region within reach that the limits of the joints leave, 0 to 1.
     """
-    reached = reached & cell.region.holds(places)
-    if not reached.any():
-        problem = 'no place in it is within reach of the arm'
-        raise ParameterError('region', problem, 'give x and y limits in m')
-    found = np.array([reached & cell.can_take(inverse(p, places, side)) for side in POSTURES])
-    share = float(found.any(axis=0).sum() / reached.sum())
-    if share < LEAST_WITHIN:
-        problem = f'they leave {100 * share:.2g} % of the {cell.region.title} within reach'
-        raise ParameterError('robot.limits', problem, 'correct them (rad), or the region')
-    return found
+
+    x: Floats
+    y: Floats
+    places: Floats
+    possible: Mask
+    share: float
 
 
-def region_grid(p: Parameters, cell: Cell, count: int = 33) -> tuple[Floats, Floats, Floats, Mask]:
-    """The grid of the workspace: x and y of its columns and rows, (count,), m; its places; the `possible_poses` there.
+def region_grid(p: Parameters, cell: Cell, count: int = 33) -> RegionGrid:
+    """The grid of the workspace; where the limits of the joints leave little of it, that of what they leave.
 
     Raises:
-        ParameterError: as `possible_poses`.
+        ParameterError: no place of the region is within reach, or none within the limits.
     """
     length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
     reach, base = NEARLY_STRETCHED * length, np.array([p.x0, p.y0])
-    low, high = cell.region[::2], cell.region[1::2]
-    x, y = np.linspace(np.maximum(base - reach, low), np.minimum(base + reach, high), count).T
-    grid = np.stack(np.meshgrid(x, y), axis=-1)
-    away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
-    reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
-    return x, y, grid, possible_poses(p, cell, grid, reached)
+
+    def within(low: Floats, high: Floats) -> RegionGrid:
+        x, y = np.linspace(low, high, count).T
+        grid = np.stack(np.meshgrid(x, y), axis=-1)
+        away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
+        reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
+        reached &= cell.region.holds(grid)
+        if not reached.any():
+            raise ParameterError('region', 'no place in it is within reach of the arm', 'give x and y limits in m')
+        possible = np.array([reached & cell.can_take(inverse(p, grid, side)) for side in POSTURES])
+        return RegionGrid(x, y, grid, possible, float(possible.any(axis=0).sum() / reached.sum()))
+
+    low, high = np.maximum(base - reach, cell.region[::2]), np.minimum(base + reach, cell.region[1::2])
+    found = within(low, high)
+    if not found.share:
+        problem = f'they leave 0 % of the {cell.region.title} within reach'
+        raise ParameterError('robot.limits', problem, 'correct them (rad), or the region')
+    if found.share < LEAST_WITHIN:
+        some, step = found.places[found.possible.any(axis=0)], (high - low) / (count - 1)
+        box = np.maximum(low, some.min(axis=0) - step), np.minimum(high, some.max(axis=0) + step)
+        found = within(*box)._replace(share=found.share)
+    return found
 
 
 def workspace(c: Calibration) -> Workspace:
     """The workspace of a calibrated arm.
 
     Raises:
-        ParameterError: as `possible_poses`.
+        ParameterError: as `region_grid`.
     """
     p, touches = c.parameters, c.touches.select(c.used)
-    x, y, grid, possible = region_grid(p, c.cell)
+    x, y, grid, possible, share = region_grid(p, c.cell)
     alone = possible & ~possible[::-1]
     reached = possible & (np.isin(POSTURES, touches.posture)[:, None, None] | alone)
     joints = np.concatenate([inverse(p, grid[at], side) for side, at in zip(POSTURES, reached, strict=True)])
@@ -251,7 +271,7 @@ def workspace(c: Calibration) -> Workspace:
     derivative = tip_derivative(c, poses)
     dependent = np.linalg.norm(derivative @ c.undetermined, axis=(1, 2))
     left, right = (alone.sum(axis=(1, 2)) / possible.any(axis=0).sum()).tolist()
-    return Workspace(x, y, reached, (left, right), poses, touched, derivative, dependent)
+    return Workspace(x, y, reached, (left, right), share, poses, touched, derivative, dependent)
 
 
 def _forces(c: Calibration, joints: Floats) -> Floats:
@@ -299,6 +319,7 @@ def tip_uncertainty(c: Calibration) -> TipUncertainty:
         undetermined=float(np.mean(~known)),
         maps=tuple(UncertaintyMap(side, area.x, area.y, u, near) for side, u, near, some in maps if some.any()),
         alone=area.alone,
+        share=area.share,
     )
 
 

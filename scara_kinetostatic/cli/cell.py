@@ -9,7 +9,8 @@ the sensor. Comments say where each number comes from. What is
 touched has to be filled in.
 
 The URDF is that of a file, or is heard on a topic, as robot_state_publisher
-has it. Joints that --at does not name are taken at 0.
+has it. Joints that --at does not name are taken at 0; one that slides along the
+normal of the plane is proposed as the lift, down for the touches.
 
 Example:
   scara-kinetostatic cell --urdf ur5.urdf --joints shoulder_lift_joint elbow_joint --tip tool0 --out cell.yaml

@@ -17,7 +17,8 @@ csv and header. Each file says from which calibration it is. The exit status is 
 where the format cannot hold the calibrated model.
 
 --into takes the URDF from which the cell was described: the origins of the two
-joints are corrected in it, and that of the next one by l2, nothing else.
+joints are corrected in it, and that of the next one by l2. Every other byte
+stays as it is; from which calibration it is, is said on stderr.
 
 Example:
   scara-kinetostatic export result/calibration.json --format urdf --out arm.urdf
@@ -69,6 +70,7 @@ def run(args: argparse.Namespace) -> None:
     if out is not None:
         check_file(out, inputs)
     arm, name = load_calibration(args.calibration), args.calibration.name
+    text: str | bytes
     if args.into:
         text, notes = exported_into(arm, args.into, name)
     else:

@@ -90,7 +90,7 @@ def replace_text(path: Path, text: str) -> None:
     sync_folder(path.parent)
 
 
-def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str, str] | None = None) -> None:
+def write_texts(folder: str | Path, texts: Mapping[str, str | bytes], kept: Mapping[str, str] | None = None) -> None:
     """Writes files into a folder. All are on the disk before the first takes its place; each does so in one step.
 
     Args:
@@ -143,9 +143,9 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _write(path: Path, text: str) -> None:
-    with path.open('w', encoding='utf-8', errors='backslashreplace') as stream:
-        stream.write(text)
+def _write(path: Path, text: str | bytes) -> None:
+    with path.open('wb') as stream:
+        stream.write(text if isinstance(text, bytes) else text.encode('utf-8', 'backslashreplace'))
         stream.flush()
         os.fsync(stream.fileno())
 

@@ -108,7 +108,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     joints = [*found.get('joint_names', cells.Cell.joint_names), *others]
     if twice := [name for name in joints if joints.count(name) > 1]:
         raise top.error('robot', f'{twice[0]!r} is named twice', 'joint_names, lift and hold are different joints')
-    found['limits'] = turned_limits(found.get('limits'), found.get('direction', (1, 1)))
+    found['limits'] = cells.turned_limits(found.get('limits'), found.get('direction', (1, 1)))
     discs = () if may_be_empty and top.data['objects'] == [] else _discs(top)
     try:
         nominal = found.pop('nominal').replace(**moments, gravity=gravity)
@@ -127,7 +127,7 @@ def cell_description(cell: cells.Cell) -> dict[str, Any]:
     """The keys of a cell description; what is not stated is left out."""
     nominal, u, sizes, region = cell.nominal, cell.uncertainty, cell.uncertainty.effects, cell.region
     sensor = cell.sensor._asdict() | {'axes': cell.sensor.axes and dict(zip('xy', cell.sensor.axes, strict=True))}
-    limits = turned_limits(cell.limits, cell.direction) or ()
+    limits = cells.turned_limits(cell.limits, cell.direction) or ()
     stated = {**({} if sizes.arm is cells.EffectSizes().arm else {'arm': sizes.arm}), **sizes.stated}
     found = {
         'robot': {
@@ -246,14 +246,6 @@ def _sign(section: Section, name: str) -> int:
     if sign not in (1, -1):
         raise section.error(name, f'expected 1 or -1, got {sign:g}')
     return int(sign)
-
-
-def turned_limits(limits: cells.Limits | None, direction: tuple[int, int]) -> cells.Limits | None:
-    """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
-    if limits is None:
-        return None
-    one, other = (pair if sign > 0 else (-pair[1], -pair[0]) for pair, sign in zip(limits, direction, strict=True))
-    return one, other
 
 
 def _axes(section: Section, name: str, readers: Mapping[str, Reader], required: tuple[str, ...]) -> dict[str, Any]:

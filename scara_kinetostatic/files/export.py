@@ -23,8 +23,16 @@ from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.corrected_urdf import corrected_origins, with_origins
-from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, render, xacro
+from scara_kinetostatic.files.robot_urdf import read_robot
+from scara_kinetostatic.files.urdf import (
+    CALIBRATED_COLOUR,
+    arm_urdf,
+    bounds_of_arm,
+    comment,
+    place_of_arm,
+    render,
+    xacro,
+)
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
@@ -188,17 +196,22 @@ def rigid_miss(arm: CalibratedArm) -> float:
 
 def _head(arm: CalibratedArm, kind: str, source: str, content: str) -> list[str]:
     """From which calibration a file is: comment lines without marks; none holds the end of a comment of XML or C."""
-    grade = f', grade {arm.grade}' if arm.grade else ''
     left_out = _left_out(arm, kind)
     lines = [
         *(f'{text[:1].upper()}{text[1:]}.' for text in arm.reservations),
         content,
-        f'From {source}: calibrated {arm.created or "at an unknown time"}{grade}.',
+        f'From {_origin(arm, source)}.',
         f'Model errors found: {", ".join(effect.label for effect in arm.effects) or "none"}.',
         f'Written by scara_kinetostatic {__version__}.',
         *([f'Not contained: {left_out}.'] if left_out else []),
     ]
     return list(map(comment, lines))
+
+
+def _origin(arm: CalibratedArm, source: str) -> str:
+    """A calibration in words."""
+    grade = f', grade {arm.grade}' if arm.grade else ''
+    return f'{source}: calibrated {arm.created or "at an unknown time"}{grade}'
 
 
 def _notes(arm: CalibratedArm, kind: str) -> list[str]:
@@ -223,6 +236,8 @@ def xacro_text(arm: CalibratedArm, head: Sequence[str]) -> str:
 
     With the argument ``standalone:=false`` the macro is defined and no arm is made.
     """
+    bounds = bounds_of_arm(arm.cell)
+    lift = bounds['lift']
     return render(
         Path(__file__).with_name('arm.xacro.j2'),
         comment=Markup(xacro(_comment(head))),
@@ -231,6 +246,7 @@ def xacro_text(arm: CalibratedArm, head: Sequence[str]) -> str:
         joints=[xacro(name) for name in arm.cell.joint_names],
         back=-arm.cell.coupling,
         axes=arm.cell.direction,
+        **bounds | {'lift': lift and lift | {'joint': xacro(lift['joint'])}},
         **place_of_arm(arm.cell),
     )
 
@@ -310,8 +326,8 @@ FORMATS = {
 """What the file of each format holds."""
 
 
-def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[str, list[str]]:
-    """The user's URDF with corrected origins, and what is to be known of it.
+def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[bytes, list[str]]:
+    """The user's URDF with corrected origins, every other byte as it was, and what is to be known of it.
 
     Args:
         arm: the calibrated arm.
@@ -321,14 +337,12 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[str, lis
     Raises:
         InputError: the file cannot be read, or is that of another robot.
     """
-    content = read_bytes(urdf)
-    robot = Robot(content, str(urdf))
+    robot = read_robot(urdf)
     origins, p = corrected_origins(arm, robot), arm.model.parameters
-    made = f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.'
     soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[6:])
     rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
-    lines = [*_head(arm, 'urdf', source, made), comment(f'{rest[:1].upper()}{rest[1:]}.')]
-    return with_origins(content, origins, lines), [*_notes(arm, 'urdf'), rest]
+    made = f'changed are the origins of {", ".join(origins) or "no joint"}, by {_origin(arm, source)}'
+    return with_origins(robot, origins), [*_notes(arm, 'urdf'), rest, made]
 
 
 def exported(

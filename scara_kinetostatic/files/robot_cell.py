@@ -9,28 +9,31 @@ places where the axes pierce the plane, T is that of the tip. At readings of zer
 in the plane, whose origin is p_1. The static moments are Σ m (r - p_i) over the links that joint i moves, with what the
 elbow carries at the elbow for joint 1; where they do not lie along the links, phi_i is the angle between.
 
-Axes that are not exactly parallel make the tip leave the plane and its projection differ from the model's tip, by up to
-l_2 times the angle between them; that angle is said.
+Axes that are not exactly parallel make the tip leave the plane and its projection differ from the model's tip. That
+angle is said, and how far.
+
+A joint that slides along the normal raises the tip: the one next to it is the lift, unless it is told where to stay.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from math import asin, degrees, pi, radians
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
+from scipy.spatial.transform import Rotation
 
-from scara_kinetostatic.errors import one_line
+from scara_kinetostatic.errors import CellError, one_line
 from scara_kinetostatic.files.cell_file import read_cell
-from scara_kinetostatic.files.robot_urdf import Robot, axis_of
+from scara_kinetostatic.files.robot_urdf import Joint, Robot, axis_of
 from scara_kinetostatic.files.urdf import render
-from scara_kinetostatic.files.yaml_file import dump_yaml
+from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Plane
-from scara_kinetostatic.model.parameters import MOMENTS, Parameters
+from scara_kinetostatic.model.cell import Lift, Plane
+from scara_kinetostatic.model.parameters import MOMENTS, Parameters, implausible_size, quantity
 
 GRAVITY = 9.81
 """m/s², along -z of the root."""
@@ -41,7 +44,13 @@ _SAID = 1e-4
 _LEAST = 1e-4
 """A link of no length, m."""
 _LEVEL = 0.01
-"""A plane that is less tilted is level, rad: URDFs round their angles."""
+"""A plane that is less tilted is level, an axis along its normal, rad: URDFs round their angles."""
+_DUST = 1e-12
+"""What is less is a rounding error, m and rad."""
+_MOST_TURN = 12.6
+"""Limits beyond two turns are not those of an arm, rad: what a cell description takes."""
+_ASSUMED = (-3.14, 3.14)
+"""Limits of a joint that has none, rad."""
 
 
 class PlanarArm(NamedTuple):
@@ -52,6 +61,7 @@ class PlanarArm(NamedTuple):
         direction: sign of both readings.
         plane: in the root of the robot.
         tilt: angle between the axes, rad.
+        cost: of it, at most: how far the tip leaves the plane, and how far in it from the model's, m.
         mass: of what joint 1 and joint 2 move, kg.
     """
 
@@ -59,6 +69,7 @@ class PlanarArm(NamedTuple):
     direction: tuple[int, int]
     plane: Plane
     tilt: float
+    cost: tuple[float, float]
     mass: tuple[float, float]
 
 
@@ -75,7 +86,7 @@ def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[st
         InputError: they make none.
     """
     frames = [robot.frame(robot.turning(name).child, held) for name in joints]
-    a1, a2 = (frame[:3, :3] @ axis_of(robot.joints[name]) for name, frame in zip(joints, frames, strict=True))
+    a1, a2 = (_axis(robot, robot.joints[name], held) for name in joints)
     end = robot.frame(tip, held)[:3, 3]
     tilt = asin(min(1.0, float(np.linalg.norm(np.cross(a1, a2)))))
     if tilt > MOST_TILT:
@@ -103,7 +114,16 @@ def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[st
     nominal = Parameters(**dict(zip(found, _rounded(list(found.values())), strict=True)), gravity=_rounded(gravity))
     plane = Plane(robot.root, _rounded(p1), _rounded(axes[0]), _rounded(axes[1]), tip)
     direction = int(np.sign(normal @ a1)), int(np.sign(normal @ a2))
-    return PlanarArm(nominal, direction, plane, tilt, (mass1, mass2))
+    return PlanarArm(nominal, direction, plane, tilt, _cost(normal, a2, end - p2), (mass1, mass2))
+
+
+def _cost(normal: Floats, axis: Floats, link: Floats) -> tuple[float, float]:
+    """How far the tip leaves the plane, and how far in it from where the model has it, at most, m."""
+    turns = np.linspace(-pi, pi, 361)[:, None]
+    off = Rotation.from_rotvec(turns * axis).apply(link)
+    off -= Rotation.from_rotvec(turns * normal * np.sign(normal @ axis)).apply(link)
+    out = off @ normal
+    return float(np.abs(out).max()), float(np.linalg.norm(off - out[:, None] * normal, axis=1).max())
 
 
 def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
@@ -122,7 +142,7 @@ def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
 
 def _rounded(values: Any) -> tuple[Any, ...]:
     """Numbers without the digits of rounding errors."""
-    return tuple((np.round(values, 15) + 0.0).tolist())
+    return tuple(np.where(np.abs(values) < _DUST, 0.0, np.round(values, 15)).tolist())
 
 
 def robot_cell(
@@ -140,10 +160,15 @@ def robot_cell(
     Raises:
         InputError: they make no arm; or a joint between or beyond does not stay where it is put.
     """
-    held = _held(robot, joints, tip, at)
-    arm = planar_arm(robot, joints, tip, held)
-    parallel = f'{degrees(arm.tilt):.3g} degrees off parallel'
-    mounted = _mounting(robot, sensor or tip, joints, held, arm)
+    held, lift = _held(robot, joints, tip, at)
+    positions = held | ({lift.joint: lift.down} if lift else {})
+    arm = planar_arm(robot, joints, tip, positions)
+    parallel = 'parallel'
+    if arm.tilt > 1e-9:
+        out, aside = (quantity(cost, 'm') for cost in arm.cost)
+        cost = f'the tip leaves the plane by up to {out}, and is in it up to {aside} from where the model has it'
+        parallel = f'{degrees(arm.tilt):.3g} degrees off parallel: {cost}'
+    mounted = _mounting(robot, sensor or tip, joints, positions, arm)
     moments = {name: getattr(arm.nominal, name) for name in MOMENTS}
     known = {name: float(f'{0.3 * moment:.3g}') for name, moment in moments.items() if moment}
     has_weight = bool(known)
@@ -153,12 +178,17 @@ def robot_cell(
         notes.append(f'gravity is across the plane{f" to {tilt:.1g} degrees" if tilt > 1e-9 else ""}: none in it')
     elif not has_weight:
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
-    both = [(name, _limits(robot.joints[name]) or (-3.14, 3.14)) for name in joints]
+    limits, guessed = {}, list[str]()
+    for name in joints:
+        pair, stated = _limits(robot.joints[name])
+        low, high = limits[name] = list(pair or _ASSUMED)
+        if stated:
+            guessed.append(f'limits of {name} {stated}: {low:.4g} to {high:.4g} rad is assumed, correct robot.limits')
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
     assumed = ' '.join(name for name in held if name not in at)
     said = {'source': robot.where, 'assumed': assumed, 'root': robot.root, 'tip': tip, 'sensor': sensor or tip}
-    limits = {name: np.clip(pair, -12.5, 12.5).tolist() for name, pair in both}
     trees = {'known': {'nominal': known}, 'names': list(joints), 'plane': plane, 'limits': limits, 'held': held}
+    trees['lift'] = lift._asdict() if lift else {}
     text = render(
         Path(__file__).with_name('cell.yaml.j2'),
         escape=False,
@@ -167,16 +197,25 @@ def robot_cell(
         continuous=[one_line(name) for name in joints if robot.joints[name].type == 'continuous'],
         parallel=parallel,
         has_weight=has_weight,
+        guessed=list(map(one_line, guessed)),
+        lift_joint=one_line(lift.joint) if lift else '',
+        lift_stays=lift is not None and lift.joint in held,
         mounted=mounted,
+        number=partial(dump_yaml, flow=True),
         **{name: one_line(text) for name, text in said.items()},
         **{name: dump_yaml(tree, flow=True) if tree else '' for name, tree in trees.items()},
     )
-    read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
-    return text, notes
+    where = f'the cell of {robot.where}'
+    read_cell(parse_yaml(text, where, CellError), where, may_be_empty=True)  # whoever reads it finds it right
+    if lift and lift.joint not in held:
+        notes.append(f'{lift.joint} is proposed as robot.lift, up {lift.up:g} and down {lift.down:g} m: check both')
+    return text, notes + guessed
 
 
-def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, float]) -> dict[str, float]:
-    """Positions of the other joints on the way to the tip, and of those that are stated.
+def _held(
+    robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, float]
+) -> tuple[dict[str, float], Lift | None]:
+    """Positions of the other joints on the way to the tip, and of those that are stated; and the lift, if there is one.
 
     Raises:
         InputError: the two do not move the tip in their order, or another joint does not stay where it is put.
@@ -192,30 +231,57 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
     if names.index(joints[0]) >= names.index(joints[1]):
         raise robot.error(f'{joints[1]} comes before {joints[0]}', f'write --joints {joints[1]} {joints[0]}')
     between = names[names.index(joints[0]) : names.index(joints[1])]
+    first, lifts = _axis(robot, robot.joints[joints[0]], at), list[Lift]()
     for joint in (joint for joint in chain if joint.name not in joints):
-        if joint.mimic or joint.type not in ('fixed', 'revolute', 'continuous', 'prismatic'):
-            kind = f'mimics {joint.mimic.joint}' if joint.mimic else f'is {joint.type}'
+        if joint.mimics or joint.type not in ('fixed', 'revolute', 'continuous', 'prismatic'):
+            kind = f'mimics {joint.mimics}' if joint.mimics else f'is {joint.type}'
             raise robot.error(f'joint {joint.name!r} on the way to {tip!r} {kind}', 'choose another --tip')
-        if joint.type == 'prismatic' and joint.name in between:
+        if joint.type != 'prismatic':
+            continue
+        along = _axis(robot, joint, at)
+        travel, _ = _limits(joint)
+        if travel and np.linalg.norm(np.cross(first, along)) <= _LEVEL:
+            low, high = sorted(travel, reverse=bool(along @ _axes_of_plane(first)[1] < 0))
+            down = at.get(joint.name, low)
+            lifts = [Lift(joint.name, high, down), *lifts] if high != down else lifts
+        elif joint.name in between:
             problem = f'joint {joint.name!r} between the two is prismatic: link 1 has no length of its own'
             raise robot.error(problem, 'choose other joints, or make it fixed in a copy of the URDF')
     for name in at:
-        if name in joints or robot.joint(name).type == 'fixed' or robot.joint(name).mimic:
+        if name in joints or robot.joint(name).type == 'fixed' or robot.joint(name).mimics:
             raise robot.error(f'--at {name}: it is not a joint to be held', 'name other joints that move')
-    held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in joints}
+    lift = max(lifts, key=lambda each: each.joint not in at, default=None)  # that next to the tip
+    moving = {*joints, *({lift.joint} - at.keys() if lift else ())}
+    held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in moving}
     for name, value in held.items():
         if robot.joints[name].type != 'prismatic' and abs(value) > 2 * pi + 1e-3:
             raise robot.error(f'--at {name}={value:g} is beyond a turn', f'in degrees? Give rad: {radians(value):.6g}')
-        if (limits := _limits(robot.joints[name])) and not limits[0] <= value <= limits[1]:
+        limits, _ = _limits(robot.joints[name])
+        if limits and not limits[0] <= value <= limits[1]:
             problem = f'{name} at {value:g} is beyond its limits, {limits[0]:g} to {limits[1]:g}'
             raise robot.error(problem, f'state another position: --at {name}=VALUE')
-    return held
+    return held, lift
 
 
-def _limits(joint: Any) -> tuple[float, float] | None:
-    """The limits of a joint, rad or m; None where it has none."""
-    is_limited = joint.type != 'continuous' and bool(joint.limit) and joint.limit.lower < joint.limit.upper
-    return (joint.limit.lower, joint.limit.upper) if is_limited else None
+def _axis(robot: Robot, joint: Joint, positions: Mapping[str, float]) -> Floats:
+    """The axis of a joint in the root, of unit length, (3,)."""
+    return np.asarray(robot.frame(joint.child, positions)[:3, :3] @ axis_of(joint))
+
+
+def _limits(joint: Joint) -> tuple[tuple[float, float] | None, str]:
+    """The limits of a joint, rad or m, None where it has none; and what the URDF has, where these are others."""
+    if joint.type == 'continuous':
+        return None, ''
+    if joint.limits is None:
+        return None, 'are missing'
+    (low, high), stated = joint.limits, '{:g} to {:g} in the URDF'.format(*joint.limits)
+    largest, is_angle = max(abs(low), abs(high)), joint.type == 'revolute'
+    if not low < high:
+        return None, stated
+    if is_angle and _MOST_TURN < largest <= 720:
+        return (radians(low), radians(high)), f'{stated} (in degrees?)'
+    is_none = largest > _MOST_TURN if is_angle else implausible_size(largest, 'm')
+    return (None, stated) if is_none else (joint.limits, '')
 
 
 def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:

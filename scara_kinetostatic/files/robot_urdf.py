@@ -1,17 +1,21 @@
 """A robot as its URDF describes it: links and joints, and where they are at given positions of the joints.
 
-`urdfdom_py` of ROS reads the URDF; of each link its inertia counts, of each joint what moves it. A joint that is not
-told stands at 0, one that mimics another where that brings it.
+Of each link its inertia counts, of each joint what moves it. A joint that is not told stands at 0, one that mimics
+another where that brings it.
+
+The XML is read as `check_urdf` of ROS reads it, whose parser knows no namespaces, entities or schema: tags have to be
+whole and to close in their order; of elements and attributes that are there twice the first counts. Each element keeps
+its place in the text, for messages and for `files.corrected_urdf`.
 """
 
 from __future__ import annotations
 
-import io
+import re
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stderr
+from contextlib import suppress
+from html import unescape
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,66 +26,179 @@ from scara_kinetostatic.model.arrays import Floats
 
 MOST_BYTES = 16 * 1024**2
 """A larger file is no URDF."""
-_KEPT = {'link': {'inertial'}, 'joint': {'parent', 'child', 'origin', 'axis', 'limit', 'mimic'}}
+ATTRIBUTE = r"""([^\s<>/="']+)\s*=\s*("[^"]*"|'[^']*')"""
+TOKEN = re.compile(
+    r'<!--.*?-->|<!\[CDATA\[.*?\]\]>|<!(?!--)[^>]*>|<\?.*?\?>|</(?P<closes>[^\s<>]+)[^<>]*>|'
+    rf"""<\s*(?P<tag>[^\s<>/="'!?]+)(?=[\s/>])(?:\s*{ATTRIBUTE})*\s*(?P<is_empty>/?)>""",
+    re.DOTALL,
+)
+"""A comment, characters, a declaration, an instruction, an end tag or a start tag."""
+_MIMIC = ('multiplier', (1.0,)), ('offset', (0.0,))
 _TURNING = ('revolute', 'continuous')
+
+Vector = tuple[float, ...]
+
+
+class Joint:
+    """A joint.
+
+    Args:
+        robot: whose it is.
+        of: the element that describes it.
+
+    Attributes:
+        element: as given.
+        name: of it.
+        type: `revolute`, `continuous`, `prismatic`, `fixed` or another.
+        parent: link on which it is.
+        child: link that it moves.
+        xyz: its place in the parent, (3,), m.
+        rpy: roll, pitch and yaw there, (3,), rad.
+        axis: in its own frame, (3,).
+        limits: the lower and the upper one, rad or m; None where none are stated.
+        mimics: the joint that brings it along, by a factor and an offset; empty where it is moved by itself.
+        factor: of that.
+        offset: of that, rad or m.
+
+    Raises:
+        InputError: something of it is missing, or no number.
+    """
+
+    def __init__(self, robot: Robot, of: Element) -> None:
+        self.element, self.name, self.type = of, robot.word(of, 'name'), robot.word(of, 'type')
+        self.parent, self.child = (robot.word(of, 'link', tag) for tag in ('parent', 'child'))
+        self.xyz, self.rpy = (robot.numbers(of, key, 'origin', (0.0,) * 3) for key in ('xyz', 'rpy'))
+        axis = 'no axis' if self.type in ('fixed', 'floating') else 'axis'
+        self.axis = robot.numbers(of, 'xyz', axis, (1.0, 0.0, 0.0))
+        (low,), (high,) = (robot.numbers(of, key, 'limit', (0.0,)) for key in ('lower', 'upper'))
+        self.limits = None if of.find('limit') is None else (low, high)
+        self.mimics = '' if of.find('mimic') is None else robot.word(of, 'joint', 'mimic')
+        (self.factor,), (self.offset,) = (robot.numbers(of, key, 'mimic', usual) for key, usual in _MIMIC)
 
 
 class Robot:
     """A robot.
 
     Args:
-        text: of its URDF.
+        content: of its URDF.
         where: the file or topic, for messages.
 
     Attributes:
         where: as given.
-        joints: of the library, by name: `type`, `parent`, `child`, `axis`, `limit`, `mimic`.
+        text: of the URDF, every character of it.
+        encoding: by which that becomes `content` again.
+        starts: where the start tag of each element begins in the text.
+        joints: by name.
         root: name of the link on which all others stand.
         inertias: of the links that have some: mass, kg, and its centre in the link, (3,), m.
 
     Raises:
-        InputError: the library is missing, or the text is no URDF, or its links make no tree.
+        InputError: the text is no URDF, or a xacro, or its links make no tree.
     """
 
-    def __init__(self, text: bytes, where: str) -> None:
+    def __init__(self, content: bytes, where: str) -> None:
         self.where = where
-        robot = self._parsed(text)
-        self.joints: dict[str, Any] = {joint.name: joint for joint in robot.joints}
-        self._links: dict[str, Any] = {link.name: link for link in robot.links}
-        self._parents: dict[str, Any] = {joint.child: joint for joint in robot.joints}
-        if len(self._parents) < len(robot.joints):
+        self.text, self.encoding = _decoded(content)
+        self.starts: dict[Element, int] = {}
+        top = self._parsed()
+        robot = top.find('robot')
+        if robot is None:
+            got = f'its root is <{top[0].tag}>' if len(top) else 'there is no tag in it'
+            raise self.error(f'is no URDF: expected <robot>, {got}', 'give the URDF of the robot')
+        for each in robot.iter():
+            if each.tag.startswith('xacro:'):
+                raise self._is_xacro(each, f'<{each.tag}>')
+        links = [(self.word(each, 'name'), each) for each in robot.findall('link')]
+        joints = [Joint(self, each) for each in robot.findall('joint')]
+        self.joints = {joint.name: joint for joint in joints}
+        self._links = dict(links)
+        self._parents = {joint.child: joint for joint in joints}
+        if len(self._parents) < len(joints):
             raise self.error('two of its joints have one child: a loop', 'describe the arm as a tree')
-        if len(self.joints) < len(robot.joints) or len(self._links) < len(robot.links):
+        if len(self.joints) < len(joints) or len(self._links) < len(links):
             raise self.error('two of its joints or links have one name', 'give each its own')
-        links = dict.fromkeys((*self._links, *(joint.parent for joint in robot.joints)))
-        roots = [name for name in links if name not in self._parents]
+        if not links:
+            raise self.error('there is no <link> in its <robot>', 'give the URDF of the robot')
+        names = dict.fromkeys((*self._links, *(joint.parent for joint in joints)))
+        roots = [name for name in names if name not in self._parents]
         if len(roots) != 1:
             remedy = 'describe a tree of links, without a loop'
             raise self.error(f'expected one link without a parent, got {" ".join(roots) or "none"}', remedy)
         self.root = roots[0]
-        weighing = {name: link.inertial for name, link in self._links.items() if link.inertial and link.inertial.mass}
-        self.inertias = {name: (float(i.mass), _matrix(i.origin)[:3, 3]) for name, i in weighing.items()}
+        self.inertias: dict[str, tuple[float, Floats]] = {}
+        for name, link in links:
+            inertial = link.find('inertial')
+            if inertial is not None and (mass := self.numbers(inertial, 'value', 'mass', (0.0,))[0]):
+                self.inertias[name] = mass, np.array(self.numbers(inertial, 'xyz', 'origin', (0.0,) * 3))
 
-    def _parsed(self, text: bytes) -> Any:
-        from urdf_parser_py.urdf import URDF
+    def _parsed(self) -> Element:
+        """What contains the elements of the text that are in no other."""
+        at, opened = 0, [Element('')]
+        while (at := self.text.find('<', at)) >= 0:
+            token, last = TOKEN.match(self.text, at), opened[-1]
+            if token is None:
+                raise self._error_at(at, f'expected a tag, got {self.text[at : at + 40].split(chr(10))[0]}')
+            if (name := token['closes']) is not None:
+                if name != last.tag:
+                    end = f'</{last.tag}> of line {self._line(self.starts[last])}' if last.tag else 'no end'
+                    raise self._error_at(at, f'</{name}> where {end} is expected')
+                opened.pop()
+            elif token['tag']:
+                attributes = {key: unescape(value[1:-1]) for key, value in reversed(re.findall(ATTRIBUTE, token[0]))}
+                element = SubElement(last, token['tag'], attributes)
+                self.starts[element] = at
+                opened += [] if token['is_empty'] else [element]
+            at = token.end()
+        if len(opened) > 1:
+            raise self._error_at(self.starts[opened[-1]], f'<{opened[-1].tag}> has no end')
+        return opened[0]
 
-        try:
-            tree = ElementTree.fromstring(text)
-            for parent, kept in [(tree, set(_KEPT)), *((child, _KEPT.get(child.tag, set())) for child in tree)]:
-                for child in [child for child in parent if child.tag not in kept]:
-                    parent.remove(child)
-                if parent is not tree and len({child.tag for child in parent}) < len(parent):
-                    raise ValueError(f'{parent.tag} {parent.get("name")!r} has one of its elements twice')
-            with redirect_stderr(io.StringIO()):  # of attributes that it does not know
-                return URDF.from_xml_string(ElementTree.tostring(tree))
-        except Exception as error:  # whatever the library raises
-            raise self.error(f'is no valid URDF: {error}', 'check_urdf FILE says more') from error
+    def word(self, of: Element, key: str, tag: str = '') -> str:
+        """The value of an attribute of an element, or of its first child of a name.
+
+        Raises:
+            InputError: there is none, or it is one of a xacro.
+        """
+        element = of.find(tag) if tag else of
+        text = None if element is None else element.get(key)
+        if text is None:
+            raise self._error_at(self.starts[of], f'a {of.tag} without {f"<{tag}> with " if tag else ""}{key}')
+        if '${' in text or '$(' in text:
+            raise self._is_xacro(of, f'{key}="{text}"')
+        return text
+
+    def numbers(self, of: Element, key: str, tag: str, usual: Vector) -> Vector:
+        """The same as numbers, as many as usual; these where there are none.
+
+        Raises:
+            InputError: there are others.
+        """
+        element, values = of.find(tag), Vector()
+        if element is None or element.get(key) is None:
+            return usual
+        text = self.word(element, key)
+        with suppress(ValueError):
+            values = tuple(map(float, text.split()))
+        if len(values) != len(usual):
+            expected = '3 numbers' if len(usual) > 1 else 'a number'
+            raise self._error_at(self.starts[element], f'expected {expected}, got {key}="{text}" in <{tag}>')
+        return values
+
+    def _line(self, at: int) -> int:
+        return self.text.count('\n', 0, at) + 1
+
+    def _error_at(self, at: int, problem: str) -> InputError:
+        return self.error(f'is no valid URDF: line {self._line(at)}: {problem}', 'correct it there')
+
+    def _is_xacro(self, element: Element, what: str) -> InputError:
+        problem = f'a xacro is a program, and line {self._line(self.starts[element])} has {what}'
+        return self.error(problem, f'expand it: xacro {self.where} > expanded.urdf')
 
     def error(self, problem: str, remedy: str = '') -> InputError:
         """An error that names the file."""
         return InputError(self.where, problem, remedy)
 
-    def joint(self, name: str) -> Any:
+    def joint(self, name: str) -> Joint:
         """A joint.
 
         Raises:
@@ -92,19 +209,19 @@ class Robot:
             raise self.error(f'there is no joint {name!r}', did_you_mean(name, moving, 'its joints are'))
         return self.joints[name]
 
-    def turning(self, name: str) -> Any:
+    def turning(self, name: str) -> Joint:
         """A joint that turns and is moved by itself.
 
         Raises:
             InputError: it does not.
         """
         joint = self.joint(name)
-        if joint.type not in _TURNING or joint.mimic:
-            kind = f'mimics {joint.mimic.joint}' if joint.mimic else f'is {joint.type}, not revolute'
+        if joint.type not in _TURNING or joint.mimics:
+            kind = f'mimics {joint.mimics}' if joint.mimics else f'is {joint.type}, not revolute'
             raise self.error(f'joint {name!r} {kind}', 'choose a joint that turns by itself')
         return joint
 
-    def chain(self, link: str) -> list[Any]:
+    def chain(self, link: str) -> list[Joint]:
         """The joints from the root to a link.
 
         Raises:
@@ -112,7 +229,7 @@ class Robot:
         """
         if link not in self._links:
             raise self.error(f'there is no link {link!r}', did_you_mean(link, self._links, 'its links are'))
-        found: list[Any] = []
+        found: list[Joint] = []
         while link in self._parents:
             found.insert(0, self._parents[link])
             link = found[0].parent
@@ -129,7 +246,9 @@ class Robot:
         """
         found = np.eye(4)
         for joint in self.chain(link):
-            found = found @ _matrix(joint.origin)
+            step = np.eye(4)
+            step[:3, :3], step[:3, 3] = Rotation.from_euler('xyz', joint.rpy).as_matrix(), joint.xyz
+            found = found @ step
             along = np.array(axis_of(joint)) * self._position(joint, positions)
             if joint.type in _TURNING:
                 found[:3, :3] = found[:3, :3] @ Rotation.from_rotvec(along).as_matrix()
@@ -139,12 +258,10 @@ class Robot:
                 raise self.error(f'joint {joint.name!r} has no axis, or a number that is not finite', 'correct it')
         return found
 
-    def _position(self, joint: Any, positions: Mapping[str, float]) -> float:
-        mimic = joint.mimic
-        if not mimic or mimic.joint == joint.name:
-            return float(positions.get(joint.name, 0.0))
-        of = float(positions.get(mimic.joint, 0.0))
-        return of * (1.0 if mimic.multiplier is None else mimic.multiplier) + (mimic.offset or 0.0)
+    def _position(self, joint: Joint, positions: Mapping[str, float]) -> float:
+        is_moved = joint.mimics in ('', joint.name)
+        at = float(positions.get(joint.name if is_moved else joint.mimics, 0.0))
+        return at if is_moved else at * joint.factor + joint.offset
 
     def masses_beyond(self, joint: str, positions: Mapping[str, float]) -> Iterator[tuple[str, tuple[float, Floats]]]:
         """Name, mass, kg, and centre in the root, (3,), m, of each link that a joint moves."""
@@ -155,37 +272,30 @@ class Robot:
                 yield name, (mass, (self.frame(name, positions) @ [*center, 1.0])[:3])
 
 
-def axis_of(joint: Any) -> tuple[float, float, float]:
+def axis_of(joint: Joint) -> tuple[float, float, float]:
     """The axis of a joint in its own frame, of unit length."""
-    axis = np.array(joint.axis or (1.0, 0.0, 0.0), dtype=float)
+    axis = np.array(joint.axis)
     x, y, z = (axis / (np.linalg.norm(axis) or np.nan)).tolist()
     return x, y, z
 
 
-def _matrix(origin: Any) -> Floats:
-    """An origin of the library as a transform, (4, 4)."""
-    found = np.eye(4)
-    if origin is not None:
-        found[:3, :3] = Rotation.from_euler('xyz', origin.rpy or (0.0, 0.0, 0.0)).as_matrix()
-        found[:3, 3] = origin.xyz or (0.0, 0.0, 0.0)
-    return found
+def _decoded(content: bytes) -> tuple[str, str]:
+    """The text of a file and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, of any byte."""
+    mark = {b'\xff\xfe': 'utf-16-le', b'\xfe\xff': 'utf-16-be'}.get(content[:2])
+    declared = re.search(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)""", content[:1000])
+    for encoding in (mark or (declared[1].decode() if declared else 'utf-8'), 'utf-8'):
+        with suppress(LookupError, UnicodeError):
+            if (text := content.decode(encoding)).encode(encoding) == content:
+                return text, encoding
+    return content.decode('latin-1'), 'latin-1'
 
 
 def read_robot(path: Path) -> Robot:
     """The robot of a URDF file.
 
     Raises:
-        InputError: the file cannot be read, or is none.
-    """
-    return Robot(read_bytes(path), str(path))
-
-
-def read_bytes(path: Path) -> bytes:
-    """The content of a URDF file.
-
-    Raises:
-        InputError: it cannot be read, or is a xacro.
+        InputError: the file cannot be read, or is none, or a xacro.
     """
     if path.suffix == '.xacro':
         raise InputError(path, 'a xacro is a program', f'expand it: xacro {path} > robot.urdf')
-    return read_file(path, InputError, MOST_BYTES, 'URDF')
+    return Robot(read_file(path, InputError, MOST_BYTES, 'URDF'), str(path))

@@ -16,11 +16,12 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.model.cell import BASE_FRAME as BASE_FRAME
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, turned_limits
 from scara_kinetostatic.model.parameters import Parameters
 
 TOOL_FRAME = 'tool0'
@@ -69,8 +70,8 @@ def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOM
 
     Args:
         name: of the robot.
-        cell: names and directions of q1 and q2 in `JointState`; their coupling: a joint that mimics q1 then turns q2
-            back; and the plane, in which the arm is.
+        cell: names, directions and limits of q1 and q2 in `JointState`; their coupling: a joint that mimics q1 then
+            turns q2 back; the lift; and the plane, in which the arm is.
         parameters: L̄.
         colour: red, green, blue, opacity, 0 to 1.
         comment: XML to stand before the robot.
@@ -81,12 +82,27 @@ def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOM
         joints=cell.joint_names,
         back=-cell.coupling,
         axes=cell.direction,
+        **bounds_of_arm(cell),
         **place_of_arm(cell),
         p=parameters,
         colour=colour,
         quarter=pi / 2,
         comment=Markup(comment),
     )
+
+
+def bounds_of_arm(cell: Cell) -> dict[str, Any]:
+    """The limits of both readings, None where there are none, and the lift, for a template.
+
+    The reading of a coupled joint has those of its angle and the part of joint 1 together.
+    """
+    lift, limits = cell.lift, np.array(turned_limits(cell.limits, cell.direction) or np.zeros((2, 2)))
+    limits[1] += np.sort(cell.coupling * limits[0])
+    raised = lift and lift._asdict() | {
+        'sense': 1 if lift.up > lift.down else -1,
+        'limits': sorted((lift.up, lift.down)),
+    }
+    return {'limits': limits.tolist() if cell.limits else (None, None), 'lift': raised}
 
 
 def place_of_arm(cell: Cell) -> dict[str, Any]:

@@ -657,6 +657,11 @@ class Cell:
         """Names of the controller's joints beside the two: the lift, then those to be held."""
         return (*((self.lift.joint,) if self.lift else ()), *self.hold)
 
+    @property
+    def positions(self) -> dict[str, float]:
+        """Where they are in a touch, by name, rad or m."""
+        return {**({self.lift.joint: self.lift.down} if self.lift else {}), **self.hold}
+
     def moved(self, others: Floats) -> Mask:
         """Which of the other joints are not where they are to be held, for positions (…, h), rad or m; NaN: unknown."""
         held = np.array([self.hold.get(name, np.nan) for name in self.other_joints])
@@ -674,6 +679,14 @@ class Cell:
 def _coupled(joints: Floats, part: float) -> Floats:
     """A part of joint 1 added to joint 2, (…, 2); joints as they are without one."""
     return np.stack([joints[..., 0], joints[..., 1] + part * joints[..., 0]], axis=-1) if part else joints
+
+
+def turned_limits(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
+    """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
+    if limits is None:
+        return None
+    one, other = (pair if sign > 0 else (-pair[1], -pair[0]) for pair, sign in zip(limits, direction, strict=True))
+    return one, other
 
 
 def different_parts(one: Cell, other: Cell) -> list[str]:

@@ -145,7 +145,8 @@ class ContactSimulator(CellNode):
         mount = plane.tip or TOOL_FRAME if sensor.frame is SensorFrame.TOOL else plane.frame
         self._frame_id = self.value('frame_prefix') + (self.value('sensor_link') or mount)
         self._stopped = ''
-        self._passes, self._names = 0, tuple(self._cell.joint_names)
+        others = self._cell.positions
+        self._passes, self._names, self._others = 0, (*self._cell.joint_names, *others), tuple(others.values())
         self._playback: Playback | Commanded = self._obey() if self._plan is None else self._simulate()
         self._elapsed = 0.0
         self._ready_since: float | None = None
@@ -200,7 +201,7 @@ class ContactSimulator(CellNode):
             body = EngineBody(replace(scene_named(scene), parameters=self._truth.parameters), self._cell)
         drives = PlantSettings(self.value('lag'), self.value('speed_limit'), overload=self.value('overload'))
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self.value('seed'))
-        self._names = plant.names
+        self._names, self._others = plant.names, ()
 
         def take(message: JointTrajectory) -> None:
             try:
@@ -247,7 +248,7 @@ class ContactSimulator(CellNode):
                 force = np.array(sample[1:]) @ self._axes
                 self._wrench.publish(conversion.wrench((sample[0], *force), self._frame_id))
             else:
-                self._joints.publish(conversion.joint_state(sample, self._names))
+                self._joints.publish(conversion.joint_state((*sample, *self._others), self._names))
         if isinstance(self._playback, Commanded):  # no sample comes late that this machine was slow to work out
             self._publish_clock()
         if self._playback.finished:

@@ -274,9 +274,9 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
         (g, 1 + directions, 2, 12 + k): of the possible poses, posture left first, without a load and under it.
 
     Raises:
-        ParameterError: as `possible_poses`.
+        ParameterError: as `region_grid`.
     """
-    _, _, grid, possible = region_grid(robot.parameters, robot.cell, count)
+    _, _, grid, possible, _ = region_grid(robot.parameters, robot.cell, count)
     angle = 2 * np.pi * (np.arange(directions) + 0.5) / directions
     forces = np.concatenate([np.zeros((1, 2)), load * np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
     side, row, column = np.nonzero(possible)

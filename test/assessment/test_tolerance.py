@@ -44,6 +44,15 @@ def with_tolerance(outcome: Outcome, tolerance: float) -> Outcome:
     return replace(outcome, calibration=replace(c, cell=replace(c.cell, tolerance=tolerance)))
 
 
+def test_limits_that_leave_little_are_a_note(outcome: Outcome) -> None:
+    c = outcome.final
+    cell = replace(c.cell, limits=((0.4, 0.8), (0.6, 1.1)))
+    found = replace(outcome, calibration=replace(c, cell=cell)).assessment
+    said = '% of the workspace within reach: the uncertainty of the tip is that of these places'
+    assert 'robot.limits leave 1 %' in found.reasons[-1] and found.reasons[-1].endswith(said)
+    assert not any('robot.limits' in reason for reason in outcome.assessment.reasons)
+
+
 def test_a_tolerance_that_is_kept_everywhere_is_fit(outcome: Outcome) -> None:
     found = with_tolerance(outcome, 1.01 * outcome.tip_uncertainty.worst)
     assert found.assessment.grade.value == 'fit'

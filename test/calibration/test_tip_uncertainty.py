@@ -168,10 +168,23 @@ def test_an_elbow_without_touches_counts_where_the_limits_ask_for_it() -> None:
     assert np.isfinite(alone.expanded).sum() / counted.sum() == pytest.approx(tip.alone[0])
 
 
-@pytest.mark.parametrize('limits', [((2.5, 2.6), (2.0, 2.2)), ((0.7, 0.75), (0.7, 0.8)), ((0.4, 0.8), (0.6, 1.1))])
-def test_limits_that_leave_hardly_a_place_are_a_mistake(measured: Calibration, limits: Limits) -> None:
-    with pytest.raises(ParameterError, match=r'robot\.limits: they leave \d(\.\d+)? % of the region within reach;'):
-        workspace(replace(measured, cell=replace(measured.cell, region=REGION, limits=limits)))
+def test_limits_that_leave_nothing_are_a_mistake(measured: Calibration) -> None:
+    cell = replace(measured.cell, region=REGION, limits=((2.5, 2.6), (2.0, 2.2)))
+    with pytest.raises(ParameterError, match=r'robot\.limits: they leave 0 % of the region within reach; correct them'):
+        workspace(replace(measured, cell=cell))
+
+
+@pytest.mark.parametrize('region', [REGION, Region()])
+def test_what_narrow_limits_leave_is_the_workspace(measured: Calibration, region: Region) -> None:
+    """The grid is that of the little that is left, the part that it is is stated."""
+    c = replace(measured, cell=replace(measured.cell, region=region, limits=((0.4, 0.8), (0.6, 1.1))))
+    area, tip = workspace(c), tip_uncertainty(c)
+    assert c.cell.can_take(area.poses.joints).all()
+    assert region.holds(forward(c.parameters, area.poses.joints).round(9)).all()
+    assert area.reached.any(axis=0).sum() > 200
+    square = 0.33**2 * 0.4 * (np.cos(0.6) - np.cos(1.1)) / (np.pi * (0.985 * 0.66) ** 2)
+    assert 0 < tip.share < 0.1 and (region == REGION or tip.share == pytest.approx(square, rel=0.3))
+    assert tip.at is not None and c.cell.can_take(tip.at.joints)
 
 
 def test_where_the_tip_is_not_determined_nothing_is_stated() -> None:

@@ -12,7 +12,6 @@ from cli.conftest import SLOW
 from files.robots import SCARA
 from files.test_robot_cell import cell_of
 
-pytest.importorskip('urdf_parser_py')
 OBJECTS = """objects:
   - {name: disc_1, center: [0.35, 0.20], radius: 0.05}
   - {name: disc_2, center: [0.20, -0.30], radius: 0.04}
@@ -28,7 +27,7 @@ def tips(path: Path) -> np.ndarray:
 
 def test_from_a_urdf_to_a_calibrated_urdf(run, without_page):
     """Read again, the tip of the corrected URDF is that of `locate --rigid`, in the robot's frame."""
-    Path('robot.urdf').write_text(SCARA)
+    Path('robot.urdf').write_bytes(SCARA.replace('\n', '\r\n').encode())
     found = run('cell', '--urdf', 'robot.urdf', *DESCRIBE, '--out', 'cell.yaml')
     assert (found.status, found.out, found.err) == (0, 'cell.yaml\n', 'note: gravity is across the plane: none in it\n')
     text = Path('cell.yaml').read_text().replace('objects: []\n', OBJECTS)
@@ -38,6 +37,10 @@ def test_from_a_urdf_to_a_calibrated_urdf(run, without_page):
     into = ('export', 'result/calibration.json', '--format', 'urdf', '--into', 'robot.urdf', '--out', 'better.urdf')
     written = run(*into)
     assert written.out == 'better.urdf\n' and 'cannot hold compliance and backlash' in written.err
+    before, after = (Path(name).read_bytes().splitlines() for name in ('robot.urdf', 'better.urdf'))
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert len(changed) == 3 and all(b'<origin ' in old and b'<origin ' in new for old, new in changed)
+    assert b'\r\n'.join(after) + b'\r\n' == Path('better.urdf').read_bytes()
     assert run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'again.yaml').status == 0
     again = run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'cell.yaml')
     refused(again, 2, 'cell.yaml: exists, and may have objects filled in; give another --out')

@@ -23,7 +23,6 @@ def test_examples(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if page.stem == 'from_urdf':
-        pytest.importorskip('urdf_parser_py')
         text_of(CASES['ur5'])
     for folder in ('bags', 'config'):
         (tmp_path / folder).symlink_to(ROOT / folder)

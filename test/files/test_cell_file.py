@@ -330,3 +330,10 @@ def test_sizes_of_undetected_effects(text: str) -> None:
     cell = parse_cell(with_sizes(text))
     assert cell.uncertainty.effects == SIZES[text]
     assert parse_cell(dump_cell(cell)) == cell
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_number_that_is_written_is_one_for_every_reader(number: float) -> None:
+    """Of YAML 1.1, which takes 1e-15 as a string, and of YAML 1.2."""
+    text = dump_yaml({'a': number, 'b': [number]}, flow=True)
+    assert yaml.safe_load(text) == parse_yaml(text, 'cell.yaml', CellError) == {'a': number, 'b': [number]}

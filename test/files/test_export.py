@@ -21,7 +21,7 @@ from scara_kinetostatic.files.export import exported
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign, Plane, Region
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, GripperSign, Lift, Plane, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -81,7 +81,8 @@ def columns(rows: list[dict[str, str]], *names: str) -> np.ndarray:
 def check_tree(text: str, arm: CalibratedArm) -> None:
     robot = Tree(text)
     for q in JOINTS:
-        axes, at = robot.frame(TOOL_FRAME, dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True)))
+        readings = dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True))
+        axes, at = robot.frame(TOOL_FRAME, arm.cell.positions | readings)
         plane, p = arm.cell.plane, arm.model.parameters
         np.testing.assert_allclose(at, plane.in_robot(forward(p, q)), rtol=0, atol=1e-12)
         along = q.sum() + p.theta1 + p.theta2
@@ -89,20 +90,43 @@ def check_tree(text: str, arm: CalibratedArm) -> None:
         np.testing.assert_allclose(axes[:, 0], expected, rtol=0, atol=1e-12)
 
 
+LIMITS, LIFT = ((-1.0, 2.5), (-2.0, 2.2)), Lift('${quill}', up=-0.1, down=0.02)
 PLANE = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 'flange')
 
 
 @pytest.fixture(
-    params=[{}, {'coupling': 16 / 76}, {'coupling': 0.3, 'direction': (-1, 1)}, {'plane': PLANE, 'direction': (1, -1)}],
-    ids=['', 'coupled', 'turned', 'upright'],
+    params=[
+        *({}, {'coupling': 16 / 76}, {'coupling': 0.3, 'direction': (-1, 1)}, {'plane': PLANE, 'direction': (1, -1)}),
+        *({'limits': LIMITS, 'lift': LIFT}, {'limits': LIMITS, 'coupling': -0.3, 'direction': (1, -1)}),
+    ],
+    ids=['', 'coupled', 'turned', 'upright', 'lifted', 'limited'],
 )
 def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm:
     return replace(arm, cell=replace(arm.cell, **request.param))
 
 
+def check_bounds(text: str, cell: Cell) -> None:
+    """The readings of all angles within the limits of the cell are within those of the joints, which they reach."""
+    robot, corners = ElementTree.fromstring(text), np.array(cell.limits or LIMITS)
+    readings = cell.readings(np.stack(np.meshgrid(*corners), axis=-1).reshape(-1, 2))
+    bounds = dict(zip(cell.joint_names, zip(readings.min(axis=0), readings.max(axis=0), strict=True), strict=True))
+    bounds = (bounds if cell.limits else {}) | ({LIFT.joint: (-0.1, 0.02)} if cell.lift else {})
+    found = {joint.get('name'): (joint.get('type'), joint.find('limit')) for joint in robot.iterfind('joint')}
+    assert bounds.keys() == {name for name, (_, limit) in found.items() if limit is not None}
+    for name, pair in bounds.items():
+        kind, limit = found[name]
+        assert kind == ('prismatic' if name == LIFT.joint else 'revolute')
+        assert [float(limit.get(key)) for key in ('lower', 'upper')] == pytest.approx(pair)
+    if cell.lift:
+        tree = Tree(text)
+        heights = [tree.frame(TOOL_FRAME, {LIFT.joint: at})[1][2] for at in (LIFT.down, LIFT.up)]
+        assert heights == pytest.approx([0.0, 0.12])
+
+
 def test_urdf(coupled: CalibratedArm) -> None:
     text = text_of(coupled, 'urdf')
     check_tree(text, coupled)
+    check_bounds(text, coupled.cell)
     robot = ElementTree.fromstring(text)
     for kind in ('link', 'joint'):
         names = [each.attrib['name'] for each in robot.iterfind(kind)]
@@ -115,7 +139,9 @@ def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:
     assert ElementTree.fromstring(text).tag == 'robot'
     xacro = pytest.importorskip('xacro')
     (tmp_path / 'arm.xacro').write_text(text)
-    check_tree(xacro.process_file(str(tmp_path / 'arm.xacro')).toprettyxml(), arm)
+    expanded = xacro.process_file(str(tmp_path / 'arm.xacro')).toprettyxml()
+    check_tree(expanded, arm)
+    check_bounds(expanded, arm.cell)
     (tmp_path / 'two.xacro').write_text(
         '<robot name="two" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="standalone" default="false"/>'
         '<xacro:include filename="arm.xacro"/><link name="world"/>'
@@ -125,7 +151,8 @@ def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:
         xacro.process_file(str(tmp_path / 'two.xacro'), mappings={'standalone': 'false'}).toprettyxml()
     )
     assert [link.attrib['name'] for link in tree.iterfind('link')] == [
-        'world', 'a_link1', 'a_link2', 'a_tool0', *(['a_coupling'] if arm.cell.coupling else [])
+        'world', 'a_link1', 'a_link2', 'a_tool0', *(['a_coupling'] if arm.cell.coupling else []),
+        *(['a_lift'] if arm.cell.lift else []),
     ]  # fmt: skip
 
 

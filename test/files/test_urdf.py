@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,29 +14,30 @@ from files.test_robot_cell import cell_of, described
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.export import exported_into
+from scara_kinetostatic.files.robot_urdf import Robot
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import Plane
+from scara_kinetostatic.model.cell import Lift, Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 
 
-def calibrated(text: str, name: str = 'scara', l2: float = -1.5e-3) -> CalibratedArm:
+def calibrated(text: str, name: str = 'scara', l2: float = -1.5e-3, **more: object) -> CalibratedArm:
     """An arm that differs from the URDF by some millimetres and milliradians."""
-    arm = nominal_arm(cell_of(described(text, name)[0]))
+    arm = nominal_arm(cell_of(described(text, name, **more)[0]))
     n = arm.cell.nominal
-    more = {'x0': 1e-3, 'y0': -2e-3, 'theta1': n.theta1 + 3e-3, 'l1': n.l1 + 1e-3, 'theta2': n.theta2 - 2e-3}
-    return replace(arm, model=ExtendedModel(n.replace(**more, l2=n.l2 + l2, g1=1e-4)))
+    values = {'x0': 1e-3, 'y0': -2e-3, 'theta1': n.theta1 + 3e-3, 'l1': n.l1 + 1e-3, 'theta2': n.theta2 - 2e-3}
+    return replace(arm, model=ExtendedModel(n.replace(**values, l2=n.l2 + l2, g1=1e-4)))
 
 
-def into(arm: CalibratedArm, content: bytes, path: Path) -> tuple[str, list[str]]:
+def into(arm: CalibratedArm, content: bytes, path: Path) -> tuple[bytes, list[str]]:
     path.write_bytes(content)
     return exported_into(arm, path, 'calibration.json')
 
 
-def largest_miss(urdf: str, arm: CalibratedArm, case: Case) -> float:
+def largest_miss(urdf: str | bytes, arm: CalibratedArm, case: Case) -> float:
     """Of the tip of a URDF from H(L, Q), at 20 poses, m."""
     readings, tree = np.random.default_rng(3).uniform(-3, 3, (20, 2)), Tree(urdf)
-    held, p = dict(arm.cell.hold), arm.model.parameters
+    held, p = arm.cell.positions, arm.model.parameters
     tips = [tree.frame(case.tip, held | dict(zip(case.joints, pair, strict=True)))[1] for pair in readings.tolist()]
     off = arm.cell.plane.in_plane(np.array(tips))[:, :2] - forward(p, arm.cell.angles(readings))
     return float(np.abs(off).max())
@@ -47,26 +49,51 @@ def test_the_tip_is_that_of_the_calibrated_arm(name: str, tmp_path: Path) -> Non
     arm = calibrated(text, name)
     made, notes = into(arm, text.encode(), tmp_path / 'robot.urdf')
     assert largest_miss(text, arm, CASES[name]) > 1e-3 and largest_miss(made, arm, CASES[name]) < 1e-9
-    found = cell_of(described(made, name)[0])
+    found = cell_of(described(made.decode(), name)[0])
     assert (found.nominal.l1, found.nominal.l2) == pytest.approx((arm.model.parameters.l1, arm.model.parameters.l2))
-    again, _ = into(arm, made.encode(), tmp_path / 'again.urdf')
-    assert largest_miss(again, arm, CASES[name]) < 1e-9
+    again, _ = into(arm, made, tmp_path / 'again.urdf')
+    assert again == made
     assert any('cannot hold compliance and backlash (p_ee 1e-05 m/N' in note for note in notes)
 
 
+def decorated(text: str) -> str:
+    """All that users write: what only `check_urdf` reads, quotes and lines as they like, another origin afterwards."""
+    text = text.replace('<robot', '<!-- a -- licence -->\n<robot xmlns="u" xmlns:a="b"')
+    text = text.replace(
+        '<origin rpy="0 0 0.1" xyz="0.0 0.0 0.05"/>', "<origin a:b='x'\n\t xyz = '0.0 0.0 0.05'\n\t rpy='0 0 0.10' />"
+    )
+    text = text.replace('<axis xyz="0 0 -1"/>', '<origin xyz="1 2 3"/><axis xyz="0 0 -1"/>')
+    return text.replace('</robot>', '<gazebo><c:x d:y="1"/>&lt;\u00e4</gazebo>\n</robot>')
+
+
+ENCODINGS = ['utf-8', 'utf-8-sig', 'utf-16', 'latin-1', 'iso-8859-1']
+
+
+@pytest.mark.parametrize('encoding', ENCODINGS)
 @pytest.mark.parametrize(('l2', 'number'), [(0.0, 2), (-1e-3, 3)])
-def test_all_else_stays(l2: float, number: int, tmp_path: Path) -> None:
-    """Two origins, and that of the joint behind for another l2; the comment stands before the root."""
-    text = SCARA.replace('<robot', '<!-- a licence -->\n<robot xmlns:a="b"')
-    text = text.replace('</robot>', '<a:x>&lt;</a:x>\n</robot>')
-    made, _ = into(calibrated(SCARA, l2=l2), text.encode(), tmp_path / 'robot.urdf')
-    before, after = ([line for line in each.splitlines() if '<!--' not in line] for each in (text, made))
-    kept = [line for line in before if line in after]
-    assert [line.split()[0] for line in before if line not in after] == ['<?xml'] + ['<origin'] * number
-    assert [line for line in after if line in before] == kept
-    comment = made[made.index('<!--\n') : made.index('<robot')]
-    assert 'cannot hold compliance' in comment and made.index('<!-- a licence -->') < made.index(comment)
-    assert '<!-- a comment of the user -->' in made and '<a:x>&lt;</a:x>' in made and 'xmlns:a="b"' in made
+def test_every_other_byte_stays(l2: float, number: int, encoding: str, tmp_path: Path) -> None:
+    """Two origins change, and that of the joint behind for another l2."""
+    text, arm = decorated(SCARA).replace('\n', '\r\n'), calibrated(SCARA, l2=l2)
+    if encoding == 'iso-8859-1':
+        text = text.replace('"1.0"?', f'"1.0" encoding="{encoding}"?')
+    made, notes = into(arm, text.encode(encoding), tmp_path / 'robot.urdf')
+    after = made.decode(encoding)
+    assert after.encode(encoding) == made and notes[-1].startswith('changed are the origins of shoulder, elbow')
+    kept, changed = (re.split('(<origin[^>]*>)', each) for each in (text, after))
+    different = [k for k, (old, new) in enumerate(zip(kept, changed, strict=True)) if old != new]
+    assert len(different) == number and all(k % 2 for k in different)
+    assert re.fullmatch(r"<origin a:b='x'\r\n\t xyz = '\S+ \S+ 0.05'\r\n\t rpy='0 0 0.103' />", changed[different[0]])
+    plain, _ = into(arm, SCARA.encode(), tmp_path / 'plain.urdf')
+    one, other = (Robot(each, 'robot.urdf').joints for each in (made, plain))
+    assert all((one[name].xyz, one[name].rpy) == (other[name].xyz, other[name].rpy) for name in one)
+
+
+@pytest.mark.parametrize('missing', ['xyz="0.0 0.0 0.05"', 'rpy="0 0 0.1" xyz="0.0 0.0 0.05"'])
+def test_an_attribute_that_is_not_there_is_added(missing: str, tmp_path: Path) -> None:
+    bare = SCARA.replace(missing, '')
+    arm = calibrated(bare)
+    made, _ = into(arm, bare.encode(), tmp_path / 'robot.urdf')
+    assert largest_miss(made, arm, CASES['scara']) < 1e-9
 
 
 def test_an_origin_that_is_not_there_is_added(tmp_path: Path) -> None:
@@ -74,6 +101,7 @@ def test_an_origin_that_is_not_there_is_added(tmp_path: Path) -> None:
     arm = calibrated(bare)
     made, _ = into(arm, bare.encode(), tmp_path / 'robot.urdf')
     assert largest_miss(made, arm, CASES['scara']) < 1e-9
+    assert re.search('"revolute">\n    <origin xyz="[^"]*" rpy="[^"]*"/>\n    <parent', made.decode())
 
 
 @pytest.mark.parametrize(
@@ -84,7 +112,11 @@ def test_an_origin_that_is_not_there_is_added(tmp_path: Path) -> None:
         (('"shoulder"', '"one"'), {}, "no joint 'shoulder'; its joints are one elbow quill flange"),
         (('', ''), {'plane': Plane()}, 'its cell has no robot.plane with a tip; describe the cell by'),
         (('', ''), {'coupling': 0.2}, 'a URDF has no coupling of joints'),
-        (('a comment of the user', 'd\xe9j\xe0 vu'), {}, 'is no valid URDF: not well-formed'),
+        (
+            ('<axis', '<axis <'),
+            {},
+            'is no valid URDF: line 13: expected a tag, got <axis < xyz="0 0 1"/>; correct it there',
+        ),
     ],
 )
 def test_refused_in_one_line(change: tuple[str, str], plane: dict[str, object], words: str, tmp_path: Path) -> None:
@@ -97,5 +129,16 @@ def test_refused_in_one_line(change: tuple[str, str], plane: dict[str, object], 
 
 def test_parameters_of_an_arm_that_is_not_changed_change_nothing(tmp_path: Path) -> None:
     arm = nominal_arm(cell_of(described(SCARA)[0]))
-    text, _ = into(arm, SCARA.encode(), tmp_path / 'robot.urdf')
-    assert text[text.index('<robot') :] == SCARA[SCARA.index('<robot') :]
+    content, notes = into(arm, SCARA.encode(), tmp_path / 'robot.urdf')
+    assert content == SCARA.encode() and 'origins of no joint' in notes[-1]
+
+
+@pytest.mark.parametrize('down', [None, 0.1])
+def test_with_a_lift(down: float | None, tmp_path: Path) -> None:
+    """The touches were made with it down, at the end of its travel or where the user has put that."""
+    arm = calibrated(SCARA, at={'flange': 0.4})
+    assert arm.cell.lift == Lift('quill', 0.0, 0.2)
+    if down is not None:
+        arm = replace(arm, cell=replace(arm.cell, lift=arm.cell.lift._replace(down=down)))
+    made, _ = into(arm, SCARA.encode(), tmp_path / 'robot.urdf')
+    assert largest_miss(made, arm, CASES['scara']) < 1e-9

@@ -31,7 +31,6 @@ def test_an_error_comes_from_another_process_as_it_is(error: ScaraKinetostaticEr
     ('mcap.writer', 'pip install mcap'),
     ('yaml', 'pip install pyyaml, or apt install python3-yaml'),
     ('lxml', 'pip install lxml, or apt install python3-lxml'),
-    ('urdf_parser_py.urdf', 'pip install urdfdom_py, or apt install ros-jazzy-urdfdom-py'),
     ('mujoco', "pip install 'mujoco>=3.13'"),
     ('control_msgs.action', 'apt install ros-jazzy-control-msgs'),
     ('nav_msgs.msg', "source /opt/ros/jazzy/setup.bash, or pip install 'scara_kinetostatic[ros]', or "

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
+from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.contour.trace import LARGEST_TIP
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Lift
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, UNITS
 from scara_kinetostatic.nodes.cell_node import PARAMETERS
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
@@ -87,3 +91,15 @@ def test_a_plan_of_slides(bench, tmp_path):
     node = bench(ContactSimulator, plan=plan, wait_for_subscribers=1).node
     expected = simulate_streams(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_plan(plan, PAPER_CELL), start=0)
     assert node._playback.end == max(expected.joints.stamp[-1], expected.wrench.stamp[-1])
+
+
+def test_lift_and_held_joints_are_played(bench, tmp_path):
+    path = tmp_path / 'cell.yaml'
+    path.write_text(dump_cell(replace(PAPER_CELL, lift=Lift('joint3', 0.02, 0.01), hold={'joint4': 0.4})))
+    cell = bench(ContactSimulator, cell=path)
+    heard = cell.hear(JointState, 'joint_states', 10)
+    cell.wait(lambda: heard)
+    assert list(heard[0].name) == ['joint1', 'joint2', 'joint3', 'joint4'] and list(heard[0].position[2:]) == [
+        0.01,
+        0.4,
+    ]

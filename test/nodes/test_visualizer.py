@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -17,8 +18,10 @@ from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.files.robot_urdf import Robot
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Plane
+from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Lift, Plane
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.nodes import conversion
@@ -106,6 +109,17 @@ def test_robot_description_is_the_nominal_arm(cell: Cell) -> None:
 def test_beside_a_driver_the_description_is_the_drivers(bench: Callable[..., Any], cell_file: Path) -> None:
     node = bench(Visualizer, cell=cell_file).node
     assert node.count_publishers('robot_description') == 0
+
+
+def test_robot_description_has_limits_and_lift_of_the_cell(bench: Callable[..., Any], tmp_path: Path) -> None:
+    path = tmp_path / 'lifted.yaml'
+    path.write_text(dump_cell(replace(PAPER_CELL, limits=((-1.0, 2.0), (-2.0, 2.5)), lift=Lift('joint3', 0.02, 0.0))))
+    cell = bench(Visualizer, on=Cell, cell=path, publish_urdf=True)
+    cell.wait(lambda: 'robot_description' in cell.heard)
+    robot = Robot(cell.heard['robot_description'].data.encode(), 'robot_description')
+    moving = {name: (joint.type, joint.limits) for name, joint in robot.joints.items() if joint.type != 'fixed'}
+    first, second = ('revolute', (-1.0, 2.0)), ('revolute', (-2.0, 2.5))
+    assert moving == {'joint1': first, 'joint2': second, 'joint3': ('prismatic', (0.0, 0.02))}
 
 
 def test_objects_are_where_the_cell_says() -> None:
