@@ -37,7 +37,6 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain, split_heading
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.report.quantities import count
 
 COLUMNS = {
     column.name: column
@@ -120,11 +119,11 @@ def _touches(table: Table) -> TouchTable:
     cells_of = ((line, [cells[k] for k in needed if k < len(cells)]) for line, cells in table.rows)
     wrong = dict.fromkeys(line for line, cells in cells_of if any(_NOT_FINITE.match(plain(cell)) for cell in cells))
     if wrong:
-        number, some = count(len(wrong), 'row'), ', '.join(map(str, list(wrong)[:8]))
+        some = ', '.join(map(str, list(wrong)[:8]))
         some += f' and {len(wrong) - 8} more' * (len(wrong) > 8)
-        notes.append(f'{number} with a value that is not finite, line {some}; not used')
+        notes.append(f'not finite: {len(wrong)} of {len(table.rows)} rows, line {some}; not used')
         if 2 * len(wrong) > len(table.rows):
-            raise RecordingError(table.source, f'of {len(table.rows)}, {notes[-1]}', 'see what writes the table')
+            raise RecordingError(table.source, notes[-1], 'see what writes the table')
     table = replace(table, rows=tuple(row for row in table.rows if row[0] not in wrong))
     filled = [any(cells[k].strip() for k in needed if k < len(cells)) for _, cells in table.rows]
     if not any(filled):

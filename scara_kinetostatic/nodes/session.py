@@ -286,5 +286,7 @@ class RecordingNode(CellNode):
     def _record(self, stream: Stream, message: bytes, received: int, samples: list[Sample]) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         if self._session is not None:
+            if self.get_clock().ros_time_is_active:  # which stands still meanwhile
+                samples = [sample._replace(age_ns=0) for sample in samples]
             with self._guarded():
                 self._session.take(stream, message, self.log_time(received), samples)

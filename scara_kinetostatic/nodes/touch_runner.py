@@ -338,7 +338,7 @@ class TouchRunner(RecordingNode):
         for sample in samples:
             if stream is Stream.JOINTS:
                 lift = sample.others[0] if self._cell.lift and not isnan(sample.others[0]) else None
-                senses.add_joints(now - 1e-9 * sample.age_ns, 1e-9 * sample.stamp_ns, sample[1:3], lift)
+                senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], lift)
             else:
                 senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
                 self._tick()

@@ -132,7 +132,7 @@ def test_a_table_with_rows_of_nan_is_calibrated_and_they_are_said(folder, tmp_pa
     lines = (folder / 'touches.csv').read_text(encoding='utf-8').splitlines()
     (tmp_path / 'a.csv').write_text('\n'.join([*lines, *['nan,nan,nan,nan'] * 100]), encoding='utf-8')
     assert run('calibrate', tmp_path / 'a.csv', '--cell', folder / 'cell.yaml', '--out', tmp_path / 'out') == 0
-    said = '100 rows with a value that is not finite, line 110, 111, 112, 113, 114, 115, 116, 117 and 92 more; not used'
+    said = 'not finite: 100 of 208 rows, line 110, 111, 112, 113, 114, 115, 116, 117 and 92 more; not used'
     assert said in ' '.join(capsys.readouterr().out.split())
     assert document(tmp_path / 'out')['touches']['found'] == 108
 

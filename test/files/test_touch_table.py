@@ -64,11 +64,9 @@ def test_rows_that_are_not_finite_are_counted_and_not_used():
     table = parse(HEADING, ROW, *bad[:1], *[ROW] * 11, *bad[1:], *bad[:4], ROW)
     assert len(table.lines) == 13
     lines = '3, 15, 16, 17, 18, 19, 20, 21 and 2 more'
-    assert table.notes == (f'10 rows with a value that is not finite, line {lines}; not used',)
-    assert parse(HEADING, ROW, bad[0]).notes == ('1 row with a value that is not finite, line 3; not used',)
-    with pytest.raises(
-        RecordingError, match='of 3, 2 rows with a value that is not finite, line 3, 4; not used; see what'
-    ):
+    assert table.notes == (f'not finite: 10 of 23 rows, line {lines}; not used',)
+    assert parse(HEADING, ROW, bad[0]).notes == ('not finite: 1 of 2 rows, line 3; not used',)
+    with pytest.raises(RecordingError, match='not finite: 2 of 3 rows, line 3, 4; not used; see what'):
         parse(HEADING, ROW, *bad[:2])
 
 
@@ -126,7 +124,7 @@ def test_times_and_last_movements_are_converted_too():
         ([HEADING, ROW, '1,2,x,4'], "line 3: fx_N: expected a number, got 'x'"),
         ([HEADING + ',object', ',,,,a'], 'no row has a number in q1_rad,q2_rad,fx_N,fy_N'),
         ([HEADING, '1,2,3'], 'line 2: fy_N: expected a number, got nothing'),
-        ([HEADING, 'nan,2,3,4'], 'of 1, 1 row with a value that is not finite, line 2; not used; see what writes'),
+        ([HEADING, 'nan,2,3,4'], 'not finite: 1 of 1 rows, line 2; not used; see what writes'),
         ([HEADING, '1,1e400,3,4'], 'line 2: q2_rad: 1e400 is too large to be plausible'),
         ([HEADING, '1,2,3,4,5'], 'line 2: expected 4 columns, got 5 (a decimal comma needs semicolons'),
         ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is too large to be plausible; name it q2_deg'),
