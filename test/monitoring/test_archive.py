@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -101,6 +102,12 @@ def test_an_internal_error_is_a_row(monkeypatch: pytest.MonkeyPatch, folder: Pat
     monkeypatch.setattr(archive, 'calibrate_files', fail)
     row, _ = recalibrate(Task(str(folder / 'left/monday.csv'), str(folder / 'cell.yaml'), str(tmp_path)))
     assert row['reason'] == 'internal error, MemoryError: no room' and row['robot'] == 'left'
+
+
+def test_workers_leave_ctrl_c_to_the_command_and_have_one_thread(client: Any) -> None:
+    found = client.run(lambda: (signal.getsignal(signal.SIGINT), os.environ['OPENBLAS_NUM_THREADS']))
+    assert set(found.values()) == {(signal.SIG_IGN, '1')}
+    assert set(client.nthreads().values()) == {1}
 
 
 def test_a_job_that_ends_its_worker_costs_no_other(client: Any) -> None:
