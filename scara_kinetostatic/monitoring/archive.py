@@ -112,7 +112,7 @@ def _is_result(task: Task, cell: Cell) -> bool:
         record = CalibrationRecord.load(Path(task.folder) / NAME)
     except InputError:
         return False
-    is_same = record.arm.cell == cell and record.document['version'] == __version__
+    is_same = record.arm.cell == cell and record.document.get('version') == __version__
     is_same &= not task.report or (Path(task.folder) / PAGE_NAME).is_file()
     return is_same and record.checksums == {recording_checksum(task.recording)}
 
@@ -125,7 +125,8 @@ def _row(task: Task, robot: str) -> Row:
     known = task.recording, robot, record.measured, record.arm.grade, record.arm.verdict, effects, task.folder, ''
     row = dict(zip(_HEADING, known, strict=True))
     for name, part in record.document['parameters'].items():
-        row |= {name: repr(part['value']), f'{name}_std': '' if part['std'] is None else repr(part['std'])}
+        numbers = {name: part['value'], f'{name}_std': part['std']}
+        row |= {key: '' if number is None else repr(number) for key, number in numbers.items()}
     return row
 
 
