@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     """Recalibrates.
 
     Raises:
-        InputError: an option is wrong, Dask is not installed or has no scheduler, or DIR cannot be written.
+        InputError: an option is wrong, there is no scheduler or worker, or DIR cannot be written.
         UnsupportedDataError: a recording cannot be calibrated; the others are.
     """
     from scara_kinetostatic.files.cell_file import load_cell

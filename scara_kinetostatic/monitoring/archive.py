@@ -177,7 +177,8 @@ def recalibrate_archive(
         The rows in the order of the tasks, and the report.
 
     Raises:
-        InputError: Dask is not installed, there is no scheduler, it has no worker, or it has ended.
+        InputError: there is no scheduler, it has no worker, or it has ended.
+        ImportError: Dask is not installed.
     """
     rows = dict[int, Row]()
     with _client(address) as client:
@@ -216,12 +217,11 @@ def _client(address: str) -> Iterator[Any]:
     """A client of a running cluster or of one for itself.
 
     Raises:
-        InputError: Dask is not installed, there is no scheduler, or it has no worker.
+        InputError: there is no scheduler, or it has no worker.
+        ImportError: Dask is not installed.
     """
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        raise InputError('recalibrate', 'Dask is not installed', "pip install 'scara_kinetostatic[cluster]'") from error
+    from distributed import Client, LocalCluster
+
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)  # what goes wrong is said in one line
     deaf = 'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)'  # Ctrl-C goes to all processes of a terminal
     own = {'threads_per_worker': 1, 'silence_logs': logging.CRITICAL, 'preload': [deaf]}

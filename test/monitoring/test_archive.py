@@ -141,5 +141,5 @@ def test_a_cluster_that_cannot_be_used(run: Run, folder: Path, monkeypatch: pyte
     monkeypatch.setitem(sys.modules, 'distributed', None)
     wrong = run(*common)
     assert wrong.status == 2 and wrong.err.count('\n') == 1
-    assert "Dask is not installed; pip install 'scara_kinetostatic[cluster]'" in wrong.err
+    assert "distributed: not installed; pip install 'scara_kinetostatic[cluster]'" in wrong.err
     assert main(['recalibrate', str(folder / 'a/archive.csv'), '--out', str(folder / 'a')]) == 2, 'an input'
