@@ -7,8 +7,9 @@ from setuptools import find_packages, setup
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
+CLUSTER = ['dask[distributed]']  # for the verb `recalibrate`
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'example-robot-data']
-TEST += [*PHYSICS, 'xacro']
+TEST += [*PHYSICS, *CLUSTER, 'xacro']
 BENCH = [
     'casadi',
     'mcap-ros2-support',
@@ -82,7 +83,15 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'urdf': [], 'test': TEST, 'physics': PHYSICS, 'bench': BENCH, 'docs': DOCS},
+    extras_require={
+        'ros': ROS,
+        'urdf': [],
+        'test': TEST,
+        'physics': PHYSICS,
+        'cluster': CLUSTER,
+        'bench': BENCH,
+        'docs': DOCS,
+    },
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -21,6 +21,7 @@ from benchmark.common import parser
 ONE_THREAD = os.environ | {'OPENBLAS_NUM_THREADS': '1'}
 ROOT = Path(__file__).parents[1]
 ARGUMENTS = {
+    'archive': '--recordings 12 --robots 2 --loop 2',
     'assessment': '--runs 1 --each 1',
     'closed_loop': '--tolerance 1e-3',
     'command': '--runs 1',

@@ -26,7 +26,7 @@ below it (`test/test_architecture.py` checks that):
     nodes, cli     thin: ROS nodes and the command line convert, delegate, publish
     interface      the functions of this page
     studies        design of recordings, dial gauge, hysteresis, the paper
-    monitoring     does a calibration still hold? verification, comparison, drift, history
+    monitoring     does a calibration still hold? verification, comparison, drift, history, archives
     results        what a calibration prints and writes: text, JSON, ROS parameter file, page
     pipeline       from recordings or touches to the outcome
     simulation     a simulated cell and its sensors

@@ -21,7 +21,8 @@ from pathlib import Path
 PYPI = ('rosbags', 'mcap', 'lz4', 'zstandard', 'threadpoolctl')
 """What reads and writes recordings, and `threads`, by the names of pip; apt does not have all of them."""
 _PIP = {'yaml': 'pyyaml', 'mujoco': "'mujoco>=3.13'", 'control_msgs': ''}
-_APT = dict.fromkeys((*PYPI, 'mujoco'), '')
+_PIP |= {'distributed': "'scara_kinetostatic[cluster]'"}
+_APT = dict.fromkeys((*PYPI, 'mujoco', 'distributed'), '')
 """Names by which pip and apt install a module, empty for not at all; else its own, and that after `python3-`."""
 
 

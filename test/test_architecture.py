@@ -61,6 +61,7 @@ KEPT_IN = {
     'rich': ('cli',),
     'threadpoolctl': ('threads',),
     'mujoco': ('simulation',),
+    'distributed': ('monitoring',),
     **dict.fromkeys(('rosbags', 'mcap', 'zstandard', 'lz4'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),
     **dict.fromkeys(('geometry_msgs', 'nav_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'), ('nodes',)),

@@ -27,9 +27,8 @@ STRING = 'std_msgs/msg/String'
 TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
 TF_STATIC = '/tf_static'
 DISCARD_TOPIC = '/discarded_touch'
-"""Carries, in recordings of earlier versions, for each touch that was discarded while recording,
-`{"touch": 5, "stamp": 1700…, "received": 1700…}`: its number, the middle of its hold by the clock of the streams, and
-when that was received, ns."""
+"""Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700…, "received": 1700…}`: its
+number, the middle of its hold by the clock of the streams, and when that was received, ns."""
 
 LARGEST_MESSAGE = 1 << 20
 """A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""

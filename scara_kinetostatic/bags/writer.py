@@ -26,7 +26,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2.metadata import dump_qos_v9
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
+from scara_kinetostatic.bags.messages import DISCARD_TOPIC, JOINT_STATE, STRING, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
 from scara_kinetostatic.bags.sources import METADATA
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, writing
@@ -217,6 +217,11 @@ class BagWriter:
     def write_wrench(self, data: bytes, log_time: int) -> None:
         """Add a `WrenchStamped`: the message as it came, CDR, and when it came, ns."""
         self._write(self._channels[2], data, log_time)
+
+    def write_discard(self, text: str, log_time: int) -> None:
+        """Add that a touch is discarded, as `messages.DISCARD_TOPIC` describes, and make it part of the recording."""
+        self._write(Channel.of(DISCARD_TOPIC, STRING), string_message(text), log_time)
+        self.checkpoint()
 
     def write_transforms(self, data: bytes, log_time: int) -> None:
         """Add fixed transforms: a `tf2_msgs/msg/TFMessage` as it came, CDR, and when it came, ns."""

@@ -22,7 +22,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataErr
 from scara_kinetostatic.threads import process_of_one_thread
 
 VERBS = {
-    'calibration': ('cell', 'calibrate', 'inspect', 'verify', 'compare', 'history'),
+    'calibration': ('cell', 'calibrate', 'recalibrate', 'inspect', 'verify', 'compare', 'history'),
     'use of a calibration': ('compensate', 'locate', 'export', 'contour'),
     'planning': ('simulate', 'design', 'next', 'demo'),
     'studies': ('paper', 'dial_gauge', 'hysteresis', 'mujoco'),

@@ -4,7 +4,7 @@
 
 `measured` is when the last recording of the calibration began, `created` when it was calculated, both UTC as text that
 sorts by time; a calibration of unknown recordings counts as measured when it was calculated. `document` is the whole
-`calibration.json`: `sqlite3 FILE 'SELECT document FROM calibration WHERE id = 3'` gives number 3 back. A calibration is
+`calibration.json`, which `extract` gives back. A calibration is
 added once: its checksum is that of its document. One that was calculated again from the same recordings replaces the
 earlier one in lists, which stays in the file.
 
@@ -134,8 +134,25 @@ class History:
         try:
             return Entry(number, robot, CalibrationRecord.of_document(parse_document(document, source), source))
         except (ValueError, TypeError, RecursionError, InputError) as error:
-            remedy = f"take it out: sqlite3 {self.path} 'DELETE FROM calibration WHERE id = {number}'"
+            remedy = f'take it out: scara-kinetostatic history remove {self.path} {number}'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
+
+    def extract(self, numbers: Sequence[int], *, remove: bool = False) -> list[str]:
+        """The `calibration.json` of calibrations, which are taken out with `remove`, all or none.
+
+        Raises:
+            InputError: there is none of a number, or the file cannot be used.
+        """
+        documents = []
+        with self._open(write=remove) as connection:
+            for number in numbers:
+                row = connection.execute('SELECT document FROM calibration WHERE id = ?', (number,)).fetchone()
+                if row is None:
+                    raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
+                documents.append(str(row[0]))
+                if remove:
+                    connection.execute('DELETE FROM calibration WHERE id = ?', (number,))
+        return documents
 
     def entries(self, robot: str = '') -> list[Entry]:
         """Calibrations in the order in which they were measured, of one robot or, without a name, of all; of several by

@@ -168,9 +168,8 @@ class CalibrationRecord:
 
     @property
     def robot(self) -> str:
-        """Identification of the robot: type and serial number, empty where neither is stated."""
-        identification = self.arm.cell.identification
-        return ' '.join(filter(None, (identification.robot, identification.serial_number)))
+        """Its name, as `robot_name`."""
+        return robot_name(self.arm.cell)
 
     @property
     def checksums(self) -> frozenset[str]:
@@ -262,6 +261,11 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
     if not np.allclose(values[: len(arm.model.names)], arm.model.as_array(), rtol=1e-9, atol=0):
         raise ValueError('covariance_with_cell: values differ from those of the model')
     return names, values, stored_covariance(entry['matrix'], len(names))
+
+
+def robot_name(cell: Cell) -> str:
+    """Type and serial number of a robot, empty where neither is stated."""
+    return ' '.join(filter(None, (cell.identification.robot, cell.identification.serial_number)))
 
 
 def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:

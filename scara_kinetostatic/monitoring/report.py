@@ -191,7 +191,7 @@ def _touch_picture(v: Verification) -> Markup:
     return as_svg(figure, 'tip_error', 'error of the predicted tip, touch by touch')
 
 
-def history_report(trends: Sequence[Trend]) -> Report:
+def history_report(trends: Sequence[Trend], picture: str = 'trend') -> Report:
     """A history for the terminal and for `history.html`: of each robot the calibrations, and the trend."""
     caption = 'Value less that of the first calibration; bars: two total standard uncertainties, thick: by noise. '
     caption += 'Errors of the cell that all share move all points alike. Red: changed since the one before (p < 0.01).'
@@ -209,7 +209,7 @@ def history_report(trends: Sequence[Trend]) -> Report:
             since = 'first' if change is None else verdict(change)
             rows.append((str(entry.number), measured, entry.record.arm.grade, tip, since))
         table = Table(('', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 5, tuple(rows))
-        figure = Figure(partial(_trend_picture, trend, f'trend{number}'), caption)
+        figure = Figure(partial(_trend_picture, trend, f'{picture}{number}'), caption)
         sections.append(Section(trend.robot, (*lines, table, figure)))
         doubtful += [trend.robot] if trend.changed or trend.has_crept else []
     total = count(sum(len(trend.entries) for trend in trends), 'calibration')

@@ -1,9 +1,9 @@
 """One calibration as the node `calibrator` orders it, done in a process of its own.
 
 Such a process can be ended at any time by SIGTERM, gives all its memory back, and leaves the node free to answer. Its
-order is its argument; it writes the reply to its output, a JSON object in one line, and empty lines before, by which it
-notices that the node has gone:
+order is its argument; it writes news and the reply to its output, one JSON object per line:
 
+    {"progress": {"message": "fitting 72 touches", "part": 0.3}}
     {"reply": {"folder": "/results", "note": ""}}    the result is in the files of this folder; what was kept of another
     {"error": "…"}                                   there is no result; one line
 """
@@ -56,12 +56,12 @@ class Job(NamedTuple):
     publish_unfit: bool
 
 
-def do(job: Job, check: Callable[[], None]) -> dict[str, str]:
+def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
     """Calibrates and writes the files.
 
     Args:
         job: what to calibrate.
-        check: called with each step; may end the work.
+        progress: called with each step and the part of the work that is done, 0 to 1; may end the work.
 
     Returns:
         `folder` of the files, and `note`: what was kept of an earlier result, empty if nothing.
@@ -72,15 +72,22 @@ def do(job: Job, check: Callable[[], None]) -> dict[str, str]:
     from scara_kinetostatic.pipeline import calibrate_files
     from scara_kinetostatic.results.write import write_results
 
+    has_read = False
+
+    def over_all(step: str, part: float) -> None:  # of reading, then of fitting, each from 0 to 1
+        nonlocal has_read
+        progress(step, 0.3 + 0.5 * part if has_read else 0.3 * part)
+        has_read |= part >= 1.0
+
     outcome = calibrate_files(
         job.recordings,
         Path(job.cell) if job.cell else None,
         job.fixed,
         job.left_out,
         options=('the parameter cell', 'parameter fixed:', 'parameter leave_out'),
-        progress=lambda *_: check(),
+        progress=over_all,
     )
-    check()
+    progress('writing the results', 0.8)
     aside = outcome.assessment.grade.value == UNFIT and not job.publish_unfit
     folder = Path(job.output) / (UNFIT if aside else '')
     return {'folder': str(folder.absolute()), 'note': write_results(outcome, folder).note}
@@ -91,6 +98,9 @@ class CalibrationProcess:
 
     Args:
         job: what to calibrate.
+
+    Attributes:
+        news: what it has written last; empty at first.
     """
 
     def __init__(self, job: Job) -> None:
@@ -101,6 +111,10 @@ class CalibrationProcess:
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
         )
+        assert self._process.stdout is not None
+        self._stdout, self._said = self._process.stdout, b''
+        os.set_blocking(self._stdout.fileno(), False)
+        self.news: dict[str, Any] = {}
         self._cancelled_at: float | None = None
 
     def poll(self) -> dict[str, Any] | None:
@@ -112,12 +126,13 @@ class CalibrationProcess:
         if self._cancelled_at is not None and monotonic() > self._cancelled_at + PATIENCE:
             self._process.kill()
         status = self._process.poll()
+        *lines, self._said = (self._said + (self._stdout.read() or b'')).split(b'\n')
+        self.news = json.loads(lines[-1]) if lines else self.news
         if status is None:
             return None
-        said = self._process.communicate()[0].strip()
-        if said:
-            reply: dict[str, Any] = json.loads(said)
-            return reply
+        self._stdout.close()
+        if self.news and 'progress' not in self.news:
+            return self.news
         if self._cancelled_at is not None:
             return {'cancelled': 'cancelled; earlier results are unchanged'}
         if status == -signal.SIGKILL:
@@ -147,13 +162,13 @@ def main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no reply
 
     def send(**said: object) -> None:
-        output.write(f'{json.dumps(said) if said else ""}\n')
+        output.write(f'{json.dumps(said)}\n')
         output.flush()
 
     try:
         job = Job(**json.loads(sys.argv[1]))
         with naming_missing_libraries():
-            send(reply=do(job, send))
+            send(reply=do(job, lambda step, part: send(progress={'message': step, 'part': part})))
     except ScaraKinetostaticError as error:
         send(error=str(error))
     except (KeyboardInterrupt, BrokenPipeError):  # told to end, or the node has gone

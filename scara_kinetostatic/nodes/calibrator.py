@@ -62,6 +62,7 @@ class Calibrator(CellNode):
             self.say(self._condition.level, self._condition.message)
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
+        self._progress, self._part = self.create_publisher(String, '~/progress', LATCHED), 0.0
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/calibrate', self._calibrate, qos_profile=CALLS, callback_group=group)
         self.create_service(Trigger, '~/cancel', self._cancel, qos_profile=CALLS, callback_group=group)
@@ -139,10 +140,12 @@ class Calibrator(CellNode):
             job = self._job()
             self._ended, self._process = Future(), CalibrationProcess(job)
             self._condition = Condition(OK, f'calibrating from {", ".join(job.recordings)}', {})
+            self._tell('running', 'starting', 0.0)
             self._timer.reset()
             ended = await self._ended
             if 'cancelled' in ended:
                 response.message, self._condition = ended['cancelled'], former
+                self._tell('cancelled', response.message)
                 self.get_logger().warning(response.message)
             elif 'error' in ended:
                 raise RefusedError(ended['error'])
@@ -152,6 +155,7 @@ class Calibrator(CellNode):
         except (ScaraKinetostaticError, OSError) as error:  # OSError: no process can be made
             response.message = str(error)
             self._condition = Condition(ERROR, response.message, {})
+            self._tell('failed', response.message)
             self.get_logger().error(response.message)
         return response
 
@@ -204,10 +208,19 @@ class Calibrator(CellNode):
         return named or [self._announced]
 
     def _poll(self) -> None:
-        """Looks whether the running calibration has ended."""
-        ended = None if self._process is None else self._process.poll()
+        """Looks what the running calibration does."""
+        if (process := self._process) is None:
+            return
+        before, ended = process.news, process.poll()
         if ended is not None:
             self._end(ended)
+        elif process.news is not before and 'progress' in process.news:
+            self._tell('running', **process.news['progress'])
+
+    def _tell(self, state: str, message: str, part: float | None = None) -> None:
+        """Publishes on `~/progress`; without a part of the work that is done, the one before."""
+        self._part = self._part if part is None else part
+        self._progress.publish(String(data=json.dumps({'state': state, 'message': message, 'part': self._part})))
 
     def _end(self, ended: dict[str, Any]) -> None:
         self._timer.cancel()
@@ -239,6 +252,7 @@ class Calibrator(CellNode):
         self._result.publish(String(data=text))
         for warning in facts['warnings']:
             self.get_logger().warning(warning)
+        self._tell('done', message, 1.0)
         return is_fit, message
 
     def _present(self) -> str:

@@ -4,7 +4,7 @@ Every message goes into the bag as it came. The same messages go through the
 touch detection; a touch is counted on `~/touches` only when the bag holds it
 durably, and published on `~/touch` with its judgement. Services `~/start` and
 `~/stop` begin and end a recording, each in a new folder, which is announced on
-`~/recording`. A full or vanished disk ends
+`~/recording`; `~/discard_last` discards a touch. A full or vanished disk ends
 the recording, not the node; so does a folder that cannot be written to. What
 would spoil a recording is said at once: several publishers on a topic, clocks
 that differ, touches that are rejected, a disk that will be full.
@@ -47,6 +47,7 @@ class Collector(RecordingNode):
         self._streams.subscribe(self._record)
         self.serve('start', self._start)
         self.serve('stop', self._stop)
+        self.serve('discard_last', self._discard_last)
         self.every(0.1, self._poll)
         self.publish_status('recording', self._examine)
         if not self._autostart:
@@ -76,6 +77,16 @@ class Collector(RecordingNode):
         if self._failure or any(monitor.problem for monitor in self._streams.monitors.values()):
             raise RefusedError(answer)
         return answer
+
+    def _discard_last(self) -> str:
+        session, touch = self._running(), None
+        with self._guarded():
+            touch = session.discard_last(self.now())
+        self._running()
+        if touch is None:
+            raise RefusedError('there is no accepted touch to discard')
+        self._publish(session, [touch])
+        return f'touch {touch.number} ({touch.object}) discarded; {session.touches} touches left'
 
     def _lost(self, reason: str) -> None:
         self._failure = reason

@@ -2,8 +2,8 @@
 
 The touches are those that the collector judges, on `collector/touch`. The calibration is the file that the parameter
 `calibration` names, then each newer result of the calibrator that is in its parameters. Touches that were
-part of the calibration do not count, later ones of the same recording do. The state is on `/diagnostics` and, as JSON,
-on `~/drift`; `~/reset` begins anew.
+part of the calibration do not count, later ones of the same recording do; one that is discarded is taken back. The
+state is on `/diagnostics` and, as JSON, on `~/drift`; `~/reset` begins anew.
 
 `~/touch` does not say the load before a touch, and the time since the robot was switched on is not known: effects that
 depend on them are taken as `Predictor.assumptions` says, and the node says so.
@@ -20,6 +20,7 @@ from std_msgs.msg import String
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
@@ -41,7 +42,7 @@ class Monitor(CellNode):
         super().__init__('monitor')
         self._monitor: DriftMonitor | None = None
         self._problem = self._assumptions = self._rejection = ''
-        self._kept: dict[tuple[str, str], None] = {}  # recording and number, in the order of time
+        self._kept: dict[tuple[str, str], TouchSet] = {}  # by recording and number, in the order of time
         self._ignored = self._rejected = 0
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
         self._calibration = FollowedCalibration(self, CalibrationRecord.load, _of_result, self._take)
@@ -69,7 +70,9 @@ class Monitor(CellNode):
             if values.get('accepted') == 'true':
                 self._rejected = 0
                 self._add(key, values)
-            else:
+            elif key in self._kept:
+                self._take_back(key)
+            elif values.get('discarded') != 'true':
                 self._rejected, self._rejection = self._rejected + 1, values.get('reason', '')
         self._tell()
 
@@ -84,17 +87,27 @@ class Monitor(CellNode):
         before = monitor.copy()
         try:
             int(key[1])
-            alarm = monitor.add(touch_of(values, monitor.record.arm))
+            touch = touch_of(values, monitor.record.arm)
+            alarm = monitor.add(touch)
         except (KeyError, ValueError, ArithmeticError, ScaraKinetostaticError) as error:  # LinAlgError is a ValueError
             self._monitor, self._problem = before, f'touch {key[1]} cannot be evaluated: {error}'
             self.get_logger().warning(self._problem)
             return
         self._problem = ''
-        self._kept[key] = None
+        self._kept[key] = touch
         if alarm is not None and (before.alarm is None or alarm.best.name != before.alarm.best.name):
             self.get_logger().error(alarm_line(alarm, self._since(monitor)))
         while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew
             del self._kept[next(iter(self._kept))]
+
+    def _take_back(self, key: tuple[str, str]) -> None:
+        """Counts anew all touches that are kept but one, which was discarded."""
+        assert self._monitor is not None
+        del self._kept[key]
+        self._monitor.reset()
+        for number, touch in enumerate(self._kept.values(), 1):
+            measured, disc = self._monitor.measure(touch), int(touch.disc[0])
+            self._monitor.add_measured(measured, disc, named=number == len(self._kept))
 
     def _since(self, monitor: DriftMonitor) -> SinceTouch | None:
         """The touch since which an alarm says that the calibration does not hold; None where it is no longer kept."""

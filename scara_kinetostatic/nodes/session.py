@@ -2,13 +2,14 @@
 
 The message on `~/touch` is a `diagnostic_msgs/DiagnosticArray` with one status: a standard type that carries a level, a
 sentence and values by name, and that every tool shows without the interfaces of this package. Its header stamp is the
-middle of the hold by the clock of the two streams. Level OK: accepted; WARN: rejected, with the reason.
+middle of the hold by the clock of the two streams. Level OK: accepted; WARN: rejected or discarded, with the reason.
 Values, in SI units, empty where unknown:
 
 ============= =========================================================================
 `recording`   folder of the recording
 `touch`       number of the touch in it, from 0
 `accepted`    `true` or `false`
+`discarded`   `true` or `false`: by `~/discard_last`
 `reason`      why it is not accepted
 `object`      the object touched
 `frame`       of the force: that of the sensor, `base` or `tool`
@@ -25,7 +26,9 @@ Values, in SI units, empty where unknown:
 
 from __future__ import annotations
 
+import json
 import shutil
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import hypot
@@ -41,7 +44,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
 from scara_kinetostatic.nodes.streams import CellStreams, Stream
-from scara_kinetostatic.touches.detection import Detection, no_touches
+from scara_kinetostatic.touches.detection import DISCARDED, Detection, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
 
@@ -56,6 +59,7 @@ class JudgedTouch(NamedTuple):
         force: on the object, in the frame of the sensor, (fx, fy), N; empty where unknown.
         joints: (q1, q2), rad; empty where unknown.
         approach: motion of each joint before the hold, then the part of it in contact, rad; empty where unknown.
+        received: when the wrench of that stamp was received, ns; 0 where unknown.
     """
 
     number: int
@@ -65,6 +69,7 @@ class JudgedTouch(NamedTuple):
     force: tuple[float, ...] = ()
     joints: tuple[float, ...] = ()
     approach: tuple[float, ...] = ()
+    received: int = 0
 
     @property
     def line(self) -> str:
@@ -87,6 +92,7 @@ class JudgedTouch(NamedTuple):
             'recording': recording,
             'touch': self.number,
             'accepted': str(not self.reason).lower(),
+            'discarded': str(self.reason == DISCARDED).lower(),
             'reason': self.reason,
             'object': self.object,
             'frame': frame,
@@ -129,7 +135,7 @@ class Session:
     Attributes:
         folder: the bag.
         touches: touches found and durably recorded.
-        rejected: the same of touches that were rejected.
+        rejected: the same of touches that were rejected or discarded.
         news: last touch, one line; empty before the first.
         latest: the touches reported last.
 
@@ -138,7 +144,7 @@ class Session:
     """
 
     def __init__(self, parent: Path, cell: Cell, log_time: int, streams: CellStreams | None = None) -> None:
-        self.touches = self.rejected = 0
+        self.touches = self.rejected = self._discarded = 0
         self.news = self._reason = ''
         topics = None if streams is None else streams.topics
         self.latest = Detection(no_touches())
@@ -146,6 +152,7 @@ class Session:
         self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
+        self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
         try:
             for message in streams.frame.messages if streams else ():
@@ -203,6 +210,24 @@ class Session:
             self._checkpoint()
         return found
 
+    def discard_last(self, log_time: int) -> JudgedTouch | None:
+        """Discards the last accepted touch that is not discarded yet; the bag says so when this returns.
+
+        Args:
+            log_time: now, ns.
+
+        Returns:
+            The touch with that reason; None where there is none.
+        """
+        if not self._accepted:
+            return None
+        touch = self._accepted.pop()._replace(reason=DISCARDED)
+        which = {'touch': touch.number, 'stamp': touch.stamp, 'received': touch.received}
+        self._writer.write_discard(json.dumps(which), log_time)
+        self.touches, self.rejected, self._discarded = self.touches - 1, self.rejected + 1, self._discarded + 1
+        self.news = touch.line
+        return touch
+
     def close(self) -> list[JudgedTouch]:
         """Completes the bag; a touch still under way counts.
 
@@ -242,10 +267,11 @@ class Session:
 
     def rejections(self) -> str:
         """How many of the touches are rejected and why, where they are many; else empty."""
-        total = self.touches + self.rejected
-        if 5 * self.rejected <= total:
+        rejected = self.rejected - self._discarded
+        total = self.touches + rejected
+        if 5 * rejected <= total:
             return ''
-        return f'{self.rejected} of {total} touches rejected, the last: {self._reason}'
+        return f'{rejected} of {total} touches rejected, the last: {self._reason}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
         self.latest = new
@@ -254,7 +280,8 @@ class Session:
         self._checkpoint()
         self.touches += len(new.touches)
         self.rejected += len(new.rejected)
-        judged = judged_touches(new, self._cell)
+        judged = [t._replace(received=self._detector.received(t.stamp)) for t in judged_touches(new, self._cell)]
+        self._accepted += [touch for touch in judged if not touch.reason]
         self.news = judged[-1].line
         self._reason = next((each.reason for each in reversed(judged) if each.reason), self._reason)
         return judged

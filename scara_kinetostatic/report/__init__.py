@@ -34,7 +34,8 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -293,6 +294,16 @@ def sentence(text: str) -> str:
     if first.isalpha() and first.islower():
         text = text[0].upper() + text[1:]
     return text if text.endswith('.') else f'{text}.'
+
+
+def drawn(block: Block) -> Block:
+    """The same with its figures drawn, so that another process can show it."""
+    from scara_kinetostatic.report.figure import style
+
+    if isinstance(block, Section):
+        return replace(block, blocks=tuple(map(drawn, block.blocks)))
+    with style():
+        return block._replace(draw=partial(Markup, block.draw())) if isinstance(block, Figure) else block
 
 
 def as_page(report: Report) -> str:

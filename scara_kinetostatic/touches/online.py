@@ -226,6 +226,11 @@ class OnlineDetector:
         self._pair.restart()
         self._begin()
 
+    def received(self, stamp_ns: int) -> int:
+        """When the wrench was received whose stamp is nearest, ns, as long as it is kept."""
+        wrench = self._pair.wrench
+        return int(wrench.samples.log_time[np.argmin(np.abs(wrench.times - stamp_ns))])
+
     def _is_due(self) -> bool:
         """Whether a contact has ended, or five seconds of one are over, or half of the horizon."""
         wrench = self._pair.wrench

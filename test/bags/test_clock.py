@@ -41,6 +41,15 @@ def test_missing_stamps_fall_back_to_log_times(tmp_path, constant):
     assert 'the recording times were used instead' in warning
 
 
+def test_stamps_since_boot_are_stamps(tmp_path):
+    """Bag times are another clock, which nobody needs."""
+    boot = T0 - 5 * SECOND
+    read = record(tmp_path, JOINTS - boot, WRENCH - boot, JOINTS, WRENCH)
+    np.testing.assert_array_equal(read.joints.stamp, JOINTS - boot)
+    np.testing.assert_array_equal(read.wrench.stamp, WRENCH - boot)
+    assert read.warnings == ()
+
+
 def put(places: list[int], *values: int) -> Callable[[np.ndarray], np.ndarray]:
     def change(stamp: np.ndarray) -> np.ndarray:
         stamp = stamp.copy()

@@ -64,8 +64,18 @@ def bare_sqlite(path: Path, streams: Streams) -> None:
     write_sqlite(path.with_name('folder'), messages(streams)).rename(path)
 
 
+def reindexed(path: Path, streams: Streams) -> None:
+    """With the metadata that `ros2 bag reindex` writes where it does not know the storage."""
+    write_rosbag2(path, messages(streams))
+    metadata = path / 'metadata.yaml'
+    known = 'storage_identifier: mcap'
+    assert known in metadata.read_text()
+    metadata.write_text(metadata.read_text().replace(known, "storage_identifier: ''"))
+
+
 Form = Callable[[Path, Streams], None]
 OTHERS: dict[str, Form] = {
+    'no storage identifier': reindexed,
     'zstd by message, mcap': lambda p, s: write_rosbag2(p, messages(s), mode=CompressionMode.MESSAGE),
     'sqlite': lambda p, s: write_sqlite(p, messages(s)),
     'bare sqlite': bare_sqlite,

@@ -81,6 +81,14 @@ def test_understated_noise_does_not_give_small_sigmas():
     np.testing.assert_allclose(given.std, right.std, rtol=0.2)
 
 
+def test_joints_that_were_homed_again_by_a_turn_are_the_same():
+    made = touches(PAPER_ACTUAL, noise=NOISE)
+    turns = np.where(np.arange(len(made))[:, None] < 10, [1, -1], [0, 1])
+    one, other = calibrate(made, CELL), calibrate(made.replace(joints=made.joints + 2 * np.pi * turns), CELL)
+    np.testing.assert_allclose(other.parameters.as_array(), one.parameters.as_array(), rtol=0, atol=1e-9)
+    assert other.used.all() == one.used.all()
+
+
 def test_starts_far_off_reach_the_same_optimum():
     data = touches(PAPER_ACTUAL, 5)
     reference = calibrate(data, CELL)

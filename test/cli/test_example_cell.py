@@ -39,7 +39,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_no_verb_that_takes_a_cell_is_left_out():
     (verbs,) = (item for item in build_parser()._actions if isinstance(item, argparse._SubParsersAction))
     takes = {name for name, parser in verbs.choices.items() if '--cell' in parser._option_string_actions}
-    assert takes == ARGUMENTS.keys() | {'demo'}  # test/nodes/test_demo.py
+    assert takes == ARGUMENTS.keys() | {
+        'demo',
+        'recalibrate',
+    }  # test/nodes/test_demo.py, test/monitoring/test_archive.py
 
 
 @pytest.mark.parametrize('verb', ARGUMENTS)

@@ -120,8 +120,8 @@ def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, t
     execute(path, "UPDATE calibration SET document = '{' WHERE id = 1")
     wrong = run('history', 'list', path)
     assert wrong.status == 2 and wrong.err.count('\n') == 1 and 'calibration 1 cannot be read' in wrong.err
-    assert f"sqlite3 {path} 'DELETE FROM calibration WHERE id = 1'" in wrong.err
-    execute(path, 'DELETE FROM calibration WHERE id = 1')
+    assert f'scara-kinetostatic history remove {path} 1' in wrong.err
+    assert run('history', 'remove', path, 1).status == 0
     assert [entry.number for entry in History(path).entries()] == [2]
     execute(path, 'PRAGMA user_version = 9')
     (tmp_path / 'empty').touch()
@@ -160,10 +160,14 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
     assert page.status == 0 and 'the zero of joint 2 changed' in page.out
     text = (tmp_path / 'trend' / 'history.html').read_text()
     assert text.count('<svg') == 1 and 'class="verdict caution"' in text and 'days since the first' in text
-    lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|remove h.sqlite 1'
+    lines = 'list h.sqlite --robot right|list none|add h.sqlite|list h.sqlite 1.json|extract h.sqlite 1 2'
+    lines += '|remove h.sqlite|remove h.sqlite 1 9|remove h.sqlite 1.json|extract h.sqlite ' + '9' * 30
     for line in lines.split('|'):
         wrong = run('history', *line.split())
         assert wrong.status == 2 and wrong.err.count('\n') == 1
+    assert json.loads(run('history', 'extract', 'h.sqlite', 3).out) == json.loads((tmp_path / '3.json').read_text())
+    assert run('history', 'remove', 'h.sqlite', 1, 3).out == 'removed: 1 3\n'
+    assert [entry.number for entry in History(tmp_path / 'h.sqlite').entries()] == [2]
 
 
 def test_a_history_after_analyze(tmp_path: Path) -> None:

@@ -53,9 +53,11 @@ def job(bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ma
     return lambda **changes: usual._replace(**changes)
 
 
-def calibrated(job: Job) -> tuple[Path, dict[str, Any], dict[str, Any]]:
+def calibrated(
+    job: Job, progress: Callable[..., None] = lambda *_: None
+) -> tuple[Path, dict[str, Any], dict[str, Any]]:
     """The folder of a job, the facts and the document in it."""
-    folder = Path(do(job, lambda: None)['folder'])
+    folder = Path(do(job, progress)['folder'])
     document = json.loads((folder / 'calibration.json').read_text())
     return folder, load_result(folder / 'calibration.yaml').facts, document
 
@@ -63,14 +65,17 @@ def calibrated(job: Job) -> tuple[Path, dict[str, Any], dict[str, Any]]:
 def test_recordings_are_calibrated_together_and_touches_left_out(job, bags):
     several = job(recordings=[str(bag) for bag in (bags[2], *bags[:2])])
     with pytest.raises(RecordingError, match='broken'):
-        do(several, lambda: None)
-    _, facts, document = calibrated(several._replace(left_out=['broken']))
+        do(several, lambda *_: None)
+    heard: list[tuple[str, float]] = []
+    _, facts, document = calibrated(several._replace(left_out=['broken']), lambda *news: heard.append(news))
+    assert heard[0] == (f'reading {bags[0]}', 0.0) and heard[-1] == ('writing the results', 0.8)
+    assert [part for _, part in heard] == sorted(part for _, part in heard), 'it goes on'
     assert (facts['assessment'], facts['verdict'], facts['warnings']) == ('fit', 'none', [])
     assert (facts['touches.used'], facts['recordings']) == (72, [str(bags[0]), str(bags[1])])
     _, _, document = calibrated(job(left_out=['3', '4-5']))
     assert document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4, 5)]
     with pytest.raises(InputError, match="'third' is none of the recordings"):
-        do(job(left_out=['third']), lambda: None)
+        do(job(left_out=['third']), lambda *_: None)
 
 
 def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_replace_files(
@@ -95,7 +100,7 @@ def test_another_cell_description_is_a_warning_and_an_unfit_result_does_not_repl
     assert facts['assessment'] == 'unfit'
     write_streams(tmp_path / 'third', read_streams(bags[1], PAPER_CELL), replace(PAPER_CELL, noise=None))
     with pytest.raises(RecordingError, match='third: contains another cell description than'):
-        do(job(recordings=[str(bags[0]), str(tmp_path / 'third')]), lambda: None)
+        do(job(recordings=[str(bags[0]), str(tmp_path / 'third')]), lambda *_: None)
 
 
 def command(order: Job) -> list[str]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 from nodes.waiting import Bench
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.assessment.outcome import Outcome
@@ -22,6 +24,7 @@ from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 
+PROGRESS = {'message': 'fitting 72 touches', 'part': 0.3}
 GROWN = 5e-5
 """By which the radius of the second disc is larger than the cell says, m."""
 
@@ -45,7 +48,12 @@ def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Calling(Bench):
-    """With calls of the services."""
+    """With calls of the services, and the progress that is heard."""
+
+    def __init__(self, node: Calibrator) -> None:
+        super().__init__(node)
+        self.heard: list[dict[str, Any]] = []
+        self.on(String, '/calibrator/progress', lambda message: self.heard.append(json.loads(message.data)))
 
     def calibrate(self) -> Trigger.Response:
         return self.call('/calibrator/calibrate')
@@ -133,14 +141,18 @@ def test_a_surprise_in_a_calibration_does_not_end_the_node(calling, recording, c
         assert not answer.success
         assert message in answer.message
         assert b.node._condition.level == ERROR
+    b.wait(lambda: [item['state'] for item in b.heard] == 2 * ['running', 'failed'])
+    assert b.heard[-1] == {'state': 'failed', 'message': answer.message, 'part': 0.0}, 'the work is not done'
 
 
 def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancelled(calling, recording):
-    b = calling(code='import time; print(flush=True); time.sleep(3600)', recording=recording)
+    slow = f'import time; print({json.dumps({"progress": PROGRESS})!r}, flush=True); time.sleep(3600)'
+    b = calling(code=slow, recording=recording)
     assert b.call('/calibrator/cancel').message == 'no calibration is running'
     for _ in range(2):
         later = b.begin()
         assert b.node._condition.message == f'calibrating from {recording}'
+        b.wait(lambda: b.heard[-1:] == [{'state': 'running', **PROGRESS}])
         second = b.calibrate()
         assert not second.success
         assert 'running already' in second.message
@@ -151,6 +163,7 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
         assert not later.result().success
         assert later.result().message == answer.message == 'cancelled; earlier results are unchanged'
         assert b.node._condition.message == 'no calibration yet'
+        b.wait(lambda: b.heard[-1] == {'state': 'cancelled', 'message': answer.message, 'part': 0.3})  # noqa: B023
     b.begin()
     process = b.node._process._process
     b.node.close()

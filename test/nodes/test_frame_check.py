@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,11 +20,12 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.cell_node import RefusedError
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.streams import FrameCheck, Stream
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 
 
 def make_check(said: list[str], changed: Callable[[bytes, bool], None]) -> FrameCheck:
@@ -68,16 +70,20 @@ def collector(bench: Callable[..., Any], cell_in: Callable[..., Path], tmp_path:
 @pytest.mark.parametrize('late', [False, True], ids=['before', 'while recording'])
 def test_live_touches_are_those_of_the_recording(late, collector):
     session, tree = collector._session, collector._streams
+    with pytest.raises(RefusedError, match='no accepted touch'):
+        collector._discard_last()
     played = simulate_streams(TOOL_CELL, PAPER_ACTUAL, default_plan(TOOL_CELL).select(np.arange(12)), seed=3)
     for number, item in enumerate(mounted_messages(played)):
         if number == 50 * late:  # before the first touch
             for transform in transforms(0):
                 tree.frame.note(transform.payload)
         stream = Stream.JOINTS if item.topic == '/joint_states' else Stream.WRENCH
-        collector._record(stream, item.payload, item.log_time, tree.sample(stream, item.payload))
+        collector._record(stream, item.payload, item.log_time, tree.samples(stream, item.payload))
         if number % 2000 == 0:
             collector._poll()
-    assert collector._stop() == f'12 touches (0 more rejected) in {session.folder}'
+    number = int(re.fullmatch(r'touch (\d+) \(.+\) discarded; \d+ touches left', collector._discard_last())[1])
+    assert collector._stop() == f'11 touches (1 more rejected) in {session.folder}'
     streams = read_streams(session.folder, TOOL_CELL)
     assert streams.turned and tree.frame.description() == streams.turned
-    assert len(find_touches(streams, TOOL_CELL).touches) == 12
+    found = find_touches(streams, TOOL_CELL)
+    assert len(found.touches) == 11 and [(one.index, one.reason) for one in found.rejected] == [(number, DISCARDED)]

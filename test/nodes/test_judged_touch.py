@@ -14,7 +14,7 @@ from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.nodes.session import judged_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.detection import Detection, Episode, find_touches, no_touches
+from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, find_touches, no_touches
 
 
 def values(message: DiagnosticArray) -> dict[str, str]:
@@ -22,7 +22,7 @@ def values(message: DiagnosticArray) -> dict[str, str]:
     return {item.key: item.value for item in status.values}
 
 
-def test_accepted_and_rejected_touches_say_so():
+def test_accepted_rejected_and_discarded_touches_say_so():
     plan = default_plan(PAPER_CELL).select(np.arange(4))
     streams = simulate_streams(PAPER_CELL, PAPER_MEASURED, plan, seed=1)
     detection = find_touches(streams, PAPER_CELL)
@@ -31,13 +31,15 @@ def test_accepted_and_rejected_touches_say_so():
     told = values(message)
     assert message.status[0].level == DiagnosticStatus.OK
     assert message.status[0].name == '/a/collector: touch 0'
-    assert (told['accepted'], told['reason']) == ('true', '')
+    assert (told['accepted'], told['discarded'], told['reason']) == ('true', 'false', '')
     assert (told['object'], told['touch'], told['recording']) == (PAPER_CELL.discs[plan.disc[0]].name, '0', '/bags/one')
     touch = detection.touches
     assert [float(told[key]) for key in ('fx_N', 'fy_N', 'q1_rad', 'q2_rad')] == [*touch.force[0], *touch.joints[0]]
     stamp = 1e-9 * (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec - detection.start)
     assert detection.episodes[0].contact[0] < stamp < detection.episodes[0].contact[1]
 
+    discarded = last._replace(reason=DISCARDED).message('/a/collector', '/bags/one', 'base')
+    assert (values(discarded)['accepted'], values(discarded)['discarded']) == ('false', 'true')
     rejected = last._replace(reason='it slips').message('/a/collector', '/bags/one', 'base')
     assert rejected.status[0].level == DiagnosticStatus.WARN
     assert (values(rejected)['accepted'], values(rejected)['reason']) == ('false', 'it slips')

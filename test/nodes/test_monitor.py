@@ -28,6 +28,7 @@ from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.touches.detection import DISCARDED
 
 
 @pytest.fixture(scope='module')
@@ -94,18 +95,27 @@ def test_a_change_is_raised_and_reset(watching, calibration, monkeypatch):
     feed(node, later, '/wednesday')
     (line,) = said  # the corrected name, once
     assert 'link 1 changed its length' in line
+    feed(node, later, '/wednesday', reason=DISCARDED)
+    feed(node, changed, '/tuesday', reason=DISCARDED)
+    assert node._report().level == OK and node._report().values['touches'] == '8'
+    assert node._report().values['rejected touches in a row'] == '0'
     assert node._reset() == 'touches count anew from here'
     assert node._report().values['touches'] == '0'
 
 
-def test_later_touches_of_the_recording_count(watching, calibration):
+def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(watching, calibration):
     node = watching(calibration=calibration)
     touches = touches_of(CELL, 1, world=None).select(np.arange(4))
     for number, message in enumerate(messages(touches, '/data/bags/seen'), 38):
         status = message.status[0]
         next(item for item in status.values if item.key == 'touch').value = str(number)
         node._note_touch(message)
+        if number == 40:
+            statistic = node._monitor.statistic
     assert node._report().values['touches'] == '2'
+    next(item for item in status.values if item.key == 'accepted').value = 'false'
+    node._note_touch(message)
+    assert node._monitor.count == 1 and node._monitor.statistic == statistic
     assert not was_seen('/data/other/seen', '0', node._monitor.record)
 
 

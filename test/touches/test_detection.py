@@ -141,6 +141,7 @@ def test_spikes_and_drift_and_lost_values():
     streams.wrench.force[random.choice(len(streams.wrench.force), 30, replace=False)] += 30.0
     streams.wrench.force[random.choice(len(streams.wrench.force), 10, replace=False)] = np.nan
     streams.joints.position[random.choice(len(streams.joints.position), 10, replace=False)] = np.inf
+    streams.wrench.force[:20] = streams.joints.position[:15] = np.nan  # before the hardware is ready
     detection = find_touches(streams, CELL)
     assert detection.rejected == ()
     np.testing.assert_allclose(detection.touches.force, scene.truth_of_holds()[1], atol=0.25)
