@@ -112,7 +112,7 @@ def test_suspects_are_listed_from_two_standard_deviations_on():
     ]
     assert 'suspected' not in many_small(0.01, items[:1])
     text = many_small(0.01, items)
-    assert '−210 µ1' in text
+    assert '−210 ppm' in text
     assert '170' not in text
 
 
