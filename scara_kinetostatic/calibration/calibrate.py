@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, covar
 from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, raised
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
@@ -99,6 +100,8 @@ def calibrate(
     if alone and start.parameters.has_gravity and not held.issuperset(MOMENTS):
         problem = 'under gravity touches of one outline alone may give wrong moments and backlashes'
         raise UnsupportedDataError(problem, 'touch a disc as well, or hold the moments: --fix s1=… --fix s2=…')
+    if cell.noise is not None:
+        cell = replace(cell, noise=raised(cell.noise, cell, touches.joints))
     observations = observe(touches, cell)
     to_disc = observations.contact_problem(observations.joints).inward(forward(cell.nominal, observations.joints))
     force = base_force(observations, ExtendedModel(cell.nominal))

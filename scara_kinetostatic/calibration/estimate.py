@@ -30,7 +30,13 @@ from scara_kinetostatic.calibration.fit_point import (
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, estimated_levels
+from scara_kinetostatic.calibration.noise_estimation import (
+    USUAL_NOISE,
+    as_stated,
+    estimate_noise,
+    estimated_levels,
+    raised,
+)
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -209,7 +215,7 @@ def _next_round(
     """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
     noise = now.noise
     if estimated_levels(noise, cell.noise):
-        noise = _update_noise(observations, fit.point, now, cell.noise)
+        noise = _update_noise(observations, fit.point, now, cell)
     # while the noise converges a direction may be freed, an outlier taken back; later the two could alternate for ever
     good, late = find_good(distance), number >= 4
     if late:
@@ -227,7 +233,7 @@ def _next_round(
     return _Round(FINAL, good, noise, everything.without(directions), directions)
 
 
-def _update_noise(observations: Observations, point: Point, now: _Round, stated: Noise | None) -> Noise:
+def _update_noise(observations: Observations, point: Point, now: _Round, cell: Cell) -> Noise:
     """The noise levels by the residuals of the good touches; those that the cell states are kept."""
     good = now.used & find_good(point.distance)
     if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
@@ -238,7 +244,7 @@ def _update_noise(observations: Observations, point: Point, now: _Round, stated:
     system = least_squares.compress(point.whitened.jacobian, point.whitened.residual, basis=basis, prior=known)
     fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
     rows = None if known is None else known[:, :-1]
-    return estimate_noise(point, fitted, now.noise, stated, rows)
+    return raised(estimate_noise(point, fitted, now.noise, cell.noise, rows), cell, observations.joints)
 
 
 def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:

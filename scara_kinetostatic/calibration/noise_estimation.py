@@ -20,14 +20,58 @@ import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.gauss_helmert import Linearisation, whitened_square
-from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.model.cell import Cell, Noise
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the cell does not give it: the first guess of an estimation, and the noise of simulated touches."""
 _LEAST = {'joint': 1e-8, 'force': 1e-5, 'force_relative': 1e-6}
 """The least that a noise level is taken to be, rad, N and 1: joint readings may repeat to the last bit, and below this
 the weights would be those of rounding errors."""
+
+
+_FINEST_STEP = float(np.sqrt(12.0)) * 1e-5
+"""Finer steps of the readings are harmless, rad: their noise is below the usual one."""
+_CLEAR = 0.7
+"""Mean cosine of the differences between neighbouring readings, in turns per step, from which on they are a grid."""
+_CHANCE = 1e-4
+"""Of as clear a grid among readings without one."""
+
+
+def reading_noise(cell: Cell, joints: Floats) -> Floats:
+    """Standard deviation of both angles by the steps of the encoders, step / √12, (2,), rad; 0 where there are none.
+
+    A joint at rest repeats its reading, so the mean over a hold is no better than one. Where noise spreads the readings
+    over several steps, their means are on no grid, and nothing is found. Each of the smallest differences between the
+    readings may be several steps: the largest step counts of which nearly all differences are multiples, with less than
+    `_CHANCE` by chance (Rayleigh's test; Mardia, Jupp, Directional Statistics, 2000, section 6.3.1).
+
+    Args:
+        cell: its readings have the steps.
+        joints: Q of all touches, (n, 2), rad.
+    """
+    first, second = (_step(column) / np.sqrt(12.0) for column in cell.readings(joints).T)
+    return np.array([first, np.hypot(second, cell.coupling * first)])
+
+
+def raised(noise: Noise, cell: Cell, joints: Floats) -> Noise:
+    """A noise of the joints of no less than `reading_noise`; one number for both where it is estimated."""
+    least = reading_noise(cell, joints)
+    least = least if cell.noise else np.full(2, rms(least))
+    first, second = np.maximum(noise.joint_levels, least).tolist()
+    return noise._replace(joint=first if first == second else (first, second))
+
+
+def _step(readings: Floats) -> float:
+    """The step of which readings (n,) are multiples, rad; 0 where there is none."""
+    gaps = np.diff(np.unique(np.round(readings, 9)))
+    parts = [gap / np.arange(1, 1 + int(gap / _FINEST_STEP)) for gap in np.sort(gaps)[:2].tolist() if gap < 0.05]
+    steps = np.sort(np.concatenate([np.zeros(0), *parts]))[::-1]
+    clear, chance = steps, len(steps) / _CHANCE
+    for part in (gaps[::10], gaps):  # a few of them exclude most steps
+        clear = np.cos(2 * np.pi * part / steps[:, None]).mean(axis=1) if len(steps) else steps
+        steps, clear = steps[clear > _CLEAR], clear[clear > _CLEAR]
+    return float(steps[0]) if len(steps) and len(gaps) * clear[0] ** 2 > np.log(chance) else 0.0
 
 
 def estimated_levels(noise: Noise, stated: Noise | None) -> list[str]:

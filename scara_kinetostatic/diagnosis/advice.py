@@ -7,11 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
+from scara_kinetostatic.calibration.noise_estimation import reading_noise
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, DiscriminatingTouch, Found
 from scara_kinetostatic.diagnosis.search import Moment
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -65,18 +68,20 @@ def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
 
 def many_small(p_value: float, suspected: Sequence[Found]) -> str:
     """Message where the base model is incomplete, but no error stands out of the others, with what is known of those
-    that are estimated beyond their typical size.
+    that are estimated beyond their typical size, and with 95 % are not zero.
     """
     text = (
         f'the base model alone does not explain the touches (p = {p_value:.1g}); small errors of usual kinds do, none '
         'of which stands out: they are in the estimate and in its uncertainty'
     )
     known = []
-    for item in suspected[:_MOST_NAMES]:
+    for item in suspected:
         value = max(item.values, key=lambda one: abs(one.value) / one.std)
+        if abs(value.value) < COVERAGE_FACTOR * value.std:
+            continue
         size, std = quantity(abs(value.value), value.unit), quantity(value.std, value.unit)
         known.append(f'{item.effect.title} ({value.meaning}: {"−" * (value.value < 0)}{size} ± {std})')
-    return joined(text, f'suspected, beyond their typical size: {"; ".join(known)}' if known else '')
+    return joined(text, f'suspected, beyond their typical size: {"; ".join(known[:_MOST_NAMES])}' if known else '')
 
 
 def gross(suspected: Sequence[Found]) -> str:
@@ -207,9 +212,14 @@ def _enumerated(labels: Sequence[str]) -> str:
     return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
 
 
+def _of_steps(c: Calibration) -> bool:
+    """Whether the noise of the joints is that of the steps of their readings, by a factor of 1.5."""
+    return c.noise.joint_rms <= 1.5 * rms(reading_noise(c.cell, c.touches.joints))
+
+
 def implausible_noise(c: Calibration) -> tuple[str, str] | None:
     """Why estimated noise is too large to be noise, such as a gross model error makes it, and what to do; else None."""
-    if c.cell.noise is not None:
+    if c.cell.noise is not None or _of_steps(c):
         return None
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
     if c.noise.joint_rms <= 2e-4 and share <= 0.2:
@@ -225,7 +235,7 @@ def implausible_noise(c: Calibration) -> tuple[str, str] | None:
 def large_noise(c: Calibration) -> str:
     """Message where estimated noise is large but plausible."""
     # most robots repeat better
-    if c.cell.noise is not None or c.noise.joint_rms <= 5e-5:
+    if c.cell.noise is not None or c.noise.joint_rms <= 5e-5 or _of_steps(c):
         return ''
     return (
         f'the estimated joint repeatability is {c.noise.joint_rms:.1e} rad; if the robot repeats better, a model error '

@@ -139,7 +139,7 @@ def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -
     if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
         mixed = fit_mixed(calibration, known)
         diagnosis = replace(diagnosis, refitted=with_large_effects(mixed.fit, mixed))
-    noise = advice.noise_found(diagnosis.extended or calibration)
+    noise = advice.noise_found(diagnosis.extended or diagnosis.refitted or calibration)
     fixed = advice.fixed_parameters(calibration) if diagnosis.verdict != 'none' else ''
     unknown, premises = advice.unknown_history(calibration.touches, diagnosis), advice.premises(diagnosis)
     text = advice.joined(overstated, noise, diagnosis.advice, fixed, unknown, premises)

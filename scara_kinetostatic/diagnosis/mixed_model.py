@@ -37,7 +37,7 @@ from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_tou
 from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, raised
 from scara_kinetostatic.calibration.result import (
     Calibration,
     Contribution,
@@ -402,6 +402,7 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
         growth = None if noise.force_relative is None else noise.force_relative * by_force
         joint, force = max(noise.joint_rms * by_joints, least[0]), max(noise.force_rms * by_force, least[2])
         noise = noise._replace(joint=joint, force=force, force_relative=growth)
+        noise = raised(noise, c.cell, c.touches.joints)
     return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
 
 

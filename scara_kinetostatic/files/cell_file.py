@@ -103,6 +103,10 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     if moments and gravity == LEVEL:
         reason = 'without gravity they are no parameters'
         raise top.error('robot.moments', reason, 'give `gravity` or leave them out')
+    sensor = found.get('sensor', cells.Sensor())
+    if sensor.tool_weight is not None and (gravity == LEVEL or sensor.frame is cells.SensorFrame.BASE):
+        reason = 'it shows under gravity alone, in the frame of the tool'
+        raise top.error('sensor.tool_weight', reason, 'leave it out: the zero before each touch contains the weight')
     found['tip_radius'] = found.pop('tip', None)
     others = [*([found['lift'].joint] if found.get('lift') else []), *found.get('hold', ())]
     joints = [*found.get('joint_names', cells.Cell.joint_names), *others]
@@ -144,7 +148,9 @@ def cell_description(cell: cells.Cell) -> dict[str, Any]:
             ),
         },
         'objects': [_object_description(disc) | _given(plate=disc.plate) for disc in cell.discs],
-        'sensor': {key: v for key, v in sensor.items() if v or (key == 'time_offset' and v is not None)},
+        'sensor': {
+            key: v for key, v in sensor.items() if v or (key in ('time_offset', 'tool_weight') and v is not None)
+        },
         **_given(
             gravity=nominal.gravity if nominal.has_gravity else None,
             noise=cell.noise and cell.noise.as_dict(),
@@ -469,6 +475,7 @@ _READERS: dict[str, dict[str, Reader]] = {
         'time_offset': Within(-4e9, 4e9, unit='s'),
         'rotation': Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad'),
         'axes': _sensor_axes,
+        'tool_weight': Within(-50.0, 50.0, 'it is in kg: 0.15 for 150 g', unit='kg'),
         'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
     },
     'outline': {'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},

@@ -440,6 +440,7 @@ class Sensor(NamedTuple):
         rotation: of the sensor's x axis against link 2 or the base, rad.
         axes: directions of link 2 and across it in the frame of the sensor, of unit length, where its z axis is not
             across the plane; None where it is.
+        tool_weight: mass of a tool that the sensor carries and does not know, kg; None where it is to be found.
         zero_service: name of a Trigger service that sets the force to zero; empty: there is none.
     """
 
@@ -450,6 +451,7 @@ class Sensor(NamedTuple):
     time_offset: float | None = None
     rotation: float = 0.0
     axes: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    tool_weight: float | None = None
     zero_service: str = ''
 
     @property
@@ -651,6 +653,13 @@ class Cell:
         in_plane = self.plane.axes.T if self.sensor.frame is SensorFrame.BASE else np.eye(3)
         cosine, sine = np.cos(self.sensor.rotation), np.sin(self.sensor.rotation)
         return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0]]) @ in_plane
+
+    def tool_pull(self, joints: Floats) -> Floats:
+        """What the weight that is stated for the tool adds to readings in its frame at Q, (…, 2), rad: (…, 2), N."""
+        mass = self.sensor.tool_weight or 0.0
+        mass *= 1.0 if self.sensor.sign is SensorSign.ON_ROBOT else -1.0
+        angle = joints.sum(axis=-1) + self.nominal.theta1 + self.nominal.theta2
+        return rotate(np.broadcast_to(mass * np.array(self.nominal.gravity), joints.shape), -angle)
 
     @property
     def other_joints(self) -> tuple[str, ...]:

@@ -128,7 +128,10 @@ class Compensator(CellNode):
     def _take_wrench(self, message: bytes) -> None:
         for sample in self._streams.samples(Stream.WRENCH, message):
             sign = -1.0 if self._cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-            self._forces.append((sign * sample.first, sign * sample.second, monotonic()))
+            x, y = sample.first, sample.second
+            if self._cell.sensor.tool_weight and self._joints is not None:
+                x, y = ((x, y) - self._cell.tool_pull(np.array(self._joints[:2]))).tolist()
+            self._forces.append((sign * x, sign * y, monotonic()))
 
     def _take_joints(self, message: bytes) -> None:
         """Publishes where the tip is, by the last force that has come; the diagnostics say why there is no pose."""

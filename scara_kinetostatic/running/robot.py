@@ -294,7 +294,7 @@ class Senses:
     """
 
     def __init__(self, cell: Cell) -> None:
-        self._topics, self._lift = cell.sensor.topics, cell.lift
+        self._cell, self._topics, self._lift = cell, cell.sensor.topics, cell.lift
         self._joints: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._fastest, self._delay = [np.inf, np.inf], [0.0, 0.0]
@@ -347,13 +347,20 @@ class Senses:
         return np.array([*self.joints, self.lift], dtype=float)
 
     @property
+    def _pull(self) -> Floats:
+        """What the weight of the tool adds to a reading here, (2,), N."""
+        is_known = self._cell.sensor.tool_weight and np.isfinite(self.joints).all()
+        return self._cell.tool_pull(self.joints) if is_known else np.zeros(2)
+
+    @property
     def net_force(self) -> tuple[float, float]:
         """The force now, as reported, N; the median of three readings."""
         last = list(islice(reversed(self._forces), 3))
         if not last:
             return 0.0, 0.0
         x, y = (sorted(reading[k] for reading in last)[len(last) // 2] for k in (1, 2))
-        return x - float(self._zero[0]), y - float(self._zero[1])
+        zero = self._zero + self._pull
+        return x - float(zero[0]), y - float(zero[1])
 
     @property
     def force(self) -> float:
@@ -411,7 +418,7 @@ class Senses:
     def mean_force(self, now: float, span: float) -> float:
         """Magnitude of the mean force of late, N."""
         latest = self._latest(self._forces, now, span)
-        return float(np.hypot(*(latest.mean(axis=0) - self._zero))) if len(latest) else self.force
+        return float(np.hypot(*(latest.mean(axis=0) - self._zero - self._pull))) if len(latest) else self.force
 
     def stands(self, now: float) -> bool:
         """Whether both joints stand."""
@@ -421,7 +428,7 @@ class Senses:
     def tare(self, now: float) -> float:
         """Takes the force of late as zero, and returns its magnitude before, N."""
         latest = self._latest(self._forces, now, TARE)
-        before, self._zero = self._zero, latest.mean(axis=0)
+        before, self._zero = self._zero, latest.mean(axis=0) - self._pull
         self.noise = max(float(latest.std(axis=0).max()), 0.9 * self.noise)
         self._varies = bool(np.diff(latest, axis=0).any(axis=1).mean() > 0.8)
         return float(np.hypot(*(self._zero - before)))

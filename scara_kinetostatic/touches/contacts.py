@@ -202,7 +202,7 @@ def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> 
 def coarse_tare(signals: Signals) -> Floats:
     """The zero of the force sensor at every wrench sample, (n, 2), N, in its frame and sign."""
     wrench = signals.wrench
-    time, force, travel = _grid_means(signals.joints, signals.filtered)
+    time, force, travel = grid_means(signals.joints, signals.filtered)
     block = (time // Settings.block).astype(np.intp)
     whole = _weighted_mode(force, travel)
     enough = Settings.least_share * travel.sum() / (block[-1] + 1)
@@ -218,17 +218,14 @@ def coarse_tare(signals: Signals) -> Floats:
     return np.column_stack([np.interp(wrench.time, centers, column) for column in course.T])
 
 
-def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
+def grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
     """Time (k,), s, mean force (k, 2), N, and joint travel (k,), rad, of every interval with force samples."""
     size = max(Settings.grid, 2.5 * wrench.period)
     first, last = _equal_runs((wrench.time // size).astype(np.intp))
     count = (last - first + 1)[:, None]
     force = np.add.reduceat(wrench.value, first, axis=0) / count
     time = (np.floor(wrench.time[first] / size) + 0.5) * size
-    begin, end = (
-        np.column_stack([np.interp(time + side * size, joints.time, column) for column in joints.value.T])
-        for side in (-0.5, 0.5)
-    )
+    begin, end = joints.at(time - 0.5 * size), joints.at(time + 0.5 * size)
     return time, force, np.minimum(np.abs(end - begin).sum(axis=1), Settings.largest_weight)
 
 

@@ -24,9 +24,10 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time, s
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.contacts import CONTACT_FORCE, find_contacts
 from scara_kinetostatic.touches.holds import Defect, TouchCandidate, find_candidates
-from scara_kinetostatic.touches.load_history import LoadMemory, approach_of_hold, load_history, resolution
+from scara_kinetostatic.touches.load_history import LoadMemory, approach_of_hold, load_history
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import NAMES, Streams
+from scara_kinetostatic.touches.turning_zero import TurningZero, find_turning_zero
 
 DISCARDED = 'discarded while recording'
 """Reason of a touch that was accepted and then discarded."""
@@ -64,6 +65,7 @@ class Detection:
         starts: first stamp of each recording, ns; empty for one.
         first_touches: number of the first touch of each recording.
         turned: how the forces of each recording were turned by their `frame_id`, empty where not; or no entries.
+        turning: what turns with link 2 in the readings of the sensor, of one recording.
         sequence_known: whether the touches of several recordings are in the order of time.
     """
 
@@ -75,6 +77,7 @@ class Detection:
     starts: tuple[int, ...] = ()
     first_touches: tuple[int, ...] = (0,)
     turned: tuple[str, ...] = ()
+    turning: TurningZero = TurningZero()  # noqa: RUF009 - immutable
     sequence_known: bool = True
 
     @classmethod
@@ -134,13 +137,16 @@ class Detection:
         )
 
 
-def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None) -> Detection:
+def find_touches(
+    streams: Streams, cell: Cell, earlier: LoadMemory | None = None, known: TurningZero | None = None
+) -> Detection:
     """All touches of a recording.
 
     Args:
         streams: joint angles and forces as they came; stamps may be irregular.
         cell: nominal parameters, discs, frame and sign of the sensor.
         earlier: of streams whose beginning was dropped: what the joints remember of the load from then.
+        known: what was found earlier to turn with link 2 in the readings of the sensor.
 
     Returns:
         Accepted and rejected touches; `found` is 0 where there is no contact at all.
@@ -151,6 +157,8 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     signals = as_signals(streams, cell)
     if signals is None:
         return Detection(no_touches())
+    turning = min(known or TurningZero(), find_turning_zero(signals, cell), key=lambda found: found.std)
+    signals = turning.out_of(signals, cell)
     contacts = find_contacts(signals)
     candidates, weak = find_candidates(signals, contacts)
     _reject_moved_joints(candidates, streams, signals.start, cell)
@@ -164,9 +172,10 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
             Episode(number, c.contact, c.span, **(c.defect._asdict() if c.defect else {}))
             for number, c in enumerate(candidates)
         ),
-        warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates)),
+        warnings=(*signals.warnings, *turning.remarks(cell), *_warnings(contacts.spikes, weak, candidates)),
         start=signals.start,
         memories=memories,
+        turning=turning,
     )
     return _without_discarded(detection, streams.discarded) if streams.discarded else detection
 
@@ -234,7 +243,7 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
         defect = Defect('no object', found.reason(place, cell))
         candidates[index[place]] = candidates[index[place]]._replace(defect=defect)
     ends = np.unique([candidate.contact[1] for candidate in candidates])
-    step, movements = resolution(signals.joints), []
+    step, movements = signals.resolution, []
     for number, hold in zip(index, holds, strict=True):
         contact = candidates[number].contact[0]
         earliest = float(ends[ends <= contact].max(initial=-np.inf))

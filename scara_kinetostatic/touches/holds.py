@@ -6,7 +6,8 @@ have several holds (a force raised in steps); each is a touch. Consecutive holds
 are one that was disturbed. Every hold, and every contact without one, is a candidate for a touch.
 
 A motion that is too slow to be detected does no harm: joint angles and force are averaged over the same interval, and
-the contact is in equilibrium throughout.
+the contact is in equilibrium throughout. Where force or joints change too much over a hold all the same, as in one with
+a slow press before it, its steady parts are found by means over longer times.
 """
 
 from __future__ import annotations
@@ -131,23 +132,12 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
         begin: time of the first sample that is clearly in contact, s.
         end: time of the last sample of the contact, s.
     """
-    joints, wrench, window, s = signals.joints, signals.filtered, signals.window, Settings
+    joints, wrench, s = signals.joints, signals.filtered, Settings
     time = wrench.time[wrench.stretch(tare.contact, end)]
     if len(time) < 2:
         return [], _too_short(0.0)
-    force_step, load = steps_of_mean(wrench, time, window)
-    load = np.hypot(*(load - tare.force).T)
-    force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
-    noise = max(tare.noise, min(white_noise(force), s.rough_contact * float(median(load))))
-    slow_noise = min(tare.slow_noise, s.largest_slow_noise * float(load.max()))
-    changes = np.abs(np.diff(force, axis=0))
-    resolution = float(np.min(changes, where=changes > 0, initial=np.inf)) if changes.any() else 0.0
-    force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), resolution)
-    steady = np.hypot(*force_step.T) <= np.maximum(force_limit, s.steady_force * load)
-    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), s.highest_joint_noise)
-    joint_limit = s.steady_joint * window + s.sigmas * _step_std(joint_noise, joints, window)
-    at_rest = np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= joint_limit
-    found = _holds_of_contact(signals, tare, time, steady & at_rest & (time >= begin), noise)
+    load, noise, steady, at_rest = _steadiness(signals, tare, time, signals.window)
+    found = _holds_of_contact(signals, tare, time, steady & at_rest & (time >= begin), noise, signals.window)
     shortest = s.shortest_hold - 1.5 * max(joints.period, signals.wrench.period)
     holds = [hold for hold in found if hold.duration >= shortest]
     if holds:
@@ -172,6 +162,31 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     return [], Defect('unsteady', f'no steady force: it is steady during only {int(100 * part)} % of the contact')
 
 
+def _steadiness(signals: Signals, tare: Tare, time: Floats, window: float) -> tuple[Floats, float, Mask, Mask]:
+    """Mean force, (k,), N, its noise, N, and whether force and joints do not change, (k,) each.
+
+    Args:
+        signals: the recording.
+        tare: the zero of the contact.
+        time: samples of the force in it, (k,), s.
+        window: the means before and after each are over so long, s.
+    """
+    joints, wrench, s = signals.joints, signals.filtered, Settings
+    force_step, mean = steps_of_mean(wrench, time, window)
+    load = np.hypot(*(mean - tare.force).T)
+    force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
+    noise = max(tare.noise, min(white_noise(force), s.rough_contact * float(median(load))))
+    slow_noise = min(tare.slow_noise, s.largest_slow_noise * float(load.max()))
+    changes = np.abs(np.diff(force, axis=0))
+    resolution = float(np.min(changes, where=changes > 0, initial=np.inf)) if changes.any() else 0.0
+    force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), resolution)
+    steady = np.hypot(*force_step.T) <= np.maximum(force_limit, s.steady_force * load)
+    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), s.highest_joint_noise)
+    joint_limit = s.steady_joint * signals.window + s.sigmas * _step_std(joint_noise, joints, window)
+    at_rest = np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= max(joint_limit, signals.resolution)
+    return load, noise, steady, at_rest
+
+
 def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
     expected = f'expected {Settings.shortest_hold} s at rest'
     return Defect('short hold', f'hold too short: {how} {rounded_down(lasting)} s, {expected}')
@@ -182,10 +197,11 @@ def _step_std(noise: float, topic: Topic, window: float) -> float:
     return noise * float(np.sqrt(2.0 * topic.period / window))
 
 
-def _holds_of_contact(signals: Signals, tare: Tare, time: Floats, is_hold: Mask, noise: float) -> list[Hold]:
+def _holds_of_contact(
+    signals: Signals, tare: Tare, time: Floats, is_hold: Mask, noise: float, window: float
+) -> list[Hold]:
     """The holds of any length, each joined to the previous one where both are the same."""
     found: list[Hold] = []
-    window = signals.window
     for first, last in zip(*runs(is_hold), strict=True):
         begin, end = float(time[first]), float(time[last])
         if end - begin + 2 * window < min(Settings.shortest_searched, 3 * window):
@@ -247,6 +263,11 @@ class TouchCandidate(NamedTuple):
         """Begin and end of the hold, s; of the contact where there is none."""
         return (self.hold.begin, self.hold.end) if self.hold else self.contact
 
+    @property
+    def is_broken(self) -> bool:
+        """Whether readings are missing or frozen, and the rest says nothing."""
+        return self.defect is not None and self.defect.kind in ('gap', 'frozen')
+
 
 def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
     """Every hold of every contact, and every contact without a hold, in the order of time.
@@ -288,13 +309,35 @@ def _candidates_of_contact(signals: Signals, tare: Tare, begin: float, end: floa
     contact = (tare.contact, end)
     if not holds:
         return [TouchCandidate(contact, tare, None, _gap(signals, tare.contact, end) or why)]
-    parts = []
-    for hold in holds:
-        broken = _gap(signals, tare.contact, hold.end) or _frozen(signals, tare, hold)
-        parts.append((broken, TouchCandidate(contact, tare, hold, broken or _slow_change(signals, tare, hold))))
-    if all(part.defect for _, part in parts):
-        return [parts[0][1]]
-    return [part for broken, part in parts if broken or not part.defect]
+    parts = [_judged(signals, tare, contact, hold) for hold in holds]
+    slow = [part for part in parts if part.defect and not part.is_broken]
+    steady = [part for part in (*parts, *_steady_parts(signals, tare, slow)) if not part.defect or part.is_broken]
+    return sorted(steady, key=lambda part: part.span) or parts[:1]
+
+
+def _judged(signals: Signals, tare: Tare, contact: tuple[float, float], hold: Hold) -> TouchCandidate:
+    """A hold with what its readings lack, or what changes slowly."""
+    defect = _gap(signals, contact[0], hold.end) or _frozen(signals, tare, hold) or _slow_change(signals, tare, hold)
+    return TouchCandidate(contact, tare, hold, defect)
+
+
+def _steady_parts(signals: Signals, tare: Tare, slow: list[TouchCandidate]) -> list[TouchCandidate]:
+    """The steady parts of the holds of a contact that change slowly, by means over the longest time that shows some."""
+    window = 0.25 * max((part.span[1] - part.span[0] for part in slow), default=0.0)
+    while window > signals.window:
+        found = []
+        for whole in slow:
+            time = signals.wrench.time[signals.wrench.stretch(whole.span[0] + window, whole.span[1] - window)]
+            if len(time) < 2:
+                continue
+            _, noise, steady, at_rest = _steadiness(signals, tare, time, window)
+            holds = _holds_of_contact(signals, tare, time, steady & at_rest, noise, window)
+            lasting = [hold for hold in holds if hold.duration >= Settings.shortest_hold]
+            found += [_judged(signals, tare, whole.contact, hold) for hold in lasting]
+        if good := [part for part in found if not part.defect or part.is_broken]:
+            return good
+        window /= 2
+    return []
 
 
 def _gap(signals: Signals, begin: float, end: float) -> Defect | None:
@@ -311,10 +354,10 @@ def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
     joints, force = signals.joints.during(hold.intervals), signals.wrench.during(hold.intervals)
     load, noise, s = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force)), Settings
     scatter, wide = float(hold.force_scatter.max()), float(hold.joint_scatter.max())
-    slide, drift = _drift(joints), _drift(force)
-    if slide > s.largest_slide:
+    slide, drift, step = _drift(joints), _drift(force), signals.resolution
+    if slide > max(s.largest_slide, 1.5 * step):  # a change by one step is none
         return Defect('slides', f'the tip slides: the joints move by {slide:.1e} rad during the hold')
-    if wide > s.largest_joint_scatter:
+    if wide > max(s.largest_joint_scatter, step):
         text = f'the joint angles scatter by {wide:.1e} rad during the hold: messages of two robots on one topic?'
         return Defect('scatter', text)
     apart = 2.0 / 3.0 * float(hold.intervals[-1, 1] - hold.intervals[0, 0])

@@ -53,12 +53,6 @@ def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = SMALLEST_
     return np.asarray(sense * np.where(np.maximum.accumulate(turned, axis=0), 0.0, offset).max(axis=0))
 
 
-def resolution(joints: Topic) -> float:
-    """Resolution of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
-    gaps = [np.diff(np.unique(np.round(column, 12))) for column in joints.value.T]
-    return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
-
-
 def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float, step: float) -> tuple[Floats, Floats]:
     """The last movement of each joint before a hold, and its part in contact.
 

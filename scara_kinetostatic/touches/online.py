@@ -25,6 +25,7 @@ from scara_kinetostatic.touches.detection import Detection, find_touches, no_tou
 from scara_kinetostatic.touches.load_history import LoadMemory
 from scara_kinetostatic.touches.signals import SMOOTHING, as_signals, median_of_three, moving_mean
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.turning_zero import TurningZero
 
 _CLEAR = SECOND // 7
 """A contact is over when the force has been back at its zero for so long, ns."""
@@ -180,7 +181,7 @@ class OnlineDetector:
     ) -> None:
         self._cell, self._horizon = cell, horizon
         self._pair = StreamPair(topics or cell.sensor.topics, most, cell.sensor.time_offset, len(cell.other_joints))
-        self._memory = LoadMemory()
+        self._memory, self._turning = LoadMemory(), TurningZero()
         self._polled = self.found = 0
         self.clock_warning = ''
         self._begin()
@@ -242,12 +243,23 @@ class OnlineDetector:
         waited = int(samples.log_time[-1]) - self._searched
         if self._tare is None or waited > self._horizon // 2:
             return waited > SECOND // 2
-        smooth = moving_mean(median_of_three(samples.values[-new - self._width :]), self._width)
+        recent = slice(-new - self._width, None)
+        free = samples.values[recent] - self._turned(wrench.times[recent])
+        smooth = moving_mean(median_of_three(free), self._width)
         # less than the force of a contact, as the zero may drift meanwhile
         self._in_contact |= bool(np.any(np.linalg.norm(smooth - self._tare, axis=1) > 0.8 * CONTACT_FORCE))
         last = wrench.latest(4 * _CLEAR // 3).mean(axis=0)
+        last = last - self._turned(wrench.times[-1:])[0]
         is_back = np.hypot(*(last - self._tare)) < END_RATIO * CONTACT_FORCE
         return self._in_contact and waited > (SECOND // 2 if is_back else 5 * SECOND)
+
+    def _turned(self, times: NDArray[np.int64]) -> Floats:
+        """What turns with link 2 in the readings of the sensor, and the weight of its tool, then, (k, 2), N."""
+        stamps, joints = self._pair.joints.times, self._pair.joints.samples.values
+        if not len(stamps) or not (self._turning.force or self._cell.sensor.tool_weight):
+            return np.zeros((len(times), 2))
+        at = np.column_stack([np.interp(times, stamps, column) for column in joints[:, :2].T])
+        return self._turning.at(at, self._cell) + self._cell.tool_pull(at)
 
     def _search(self, open_too: bool) -> Detection:
         """The touches among the kept samples that are new and complete; with `open_too`, also those in contact."""
@@ -259,10 +271,12 @@ class OnlineDetector:
         if streams is None or signals is None:
             self._pair.forget(self._horizon)
             return Detection(no_touches())
-        self._tare = coarse_tare(signals)[-1]
+        found = find_touches(streams, self._cell, self._memory, self._turning)
+        self._turning = found.turning
+        self._tare = coarse_tare(self._turning.out_of(signals, self._cell))[-1]
         self._width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
         latest = min(int(streams.wrench.stamp[-1]) - _CLEAR, int(streams.joints.stamp[-1]))
-        new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
+        new = self._new(found, np.iinfo(np.int64).max if open_too else latest)
         self._pair.forget(self._horizon)
         return new
 

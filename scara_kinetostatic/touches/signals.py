@@ -38,6 +38,10 @@ class Topic(NamedTuple):
         """Longest pause within a touch, s: five periods, but at least 0.1 s."""
         return max(0.1, 5.0 * self.period)
 
+    def at(self, time: Floats) -> Floats:
+        """The values at some times, (k,), s: (k, 2)."""
+        return np.column_stack([np.interp(time, self.time, column) for column in self.value.T])
+
     def stretch(self, begin: float, end: float) -> slice:
         """The samples from `begin` (included) to `end` (not included), s."""
         first, last = np.searchsorted(self.time, [begin, end], side='left')
@@ -65,6 +69,7 @@ class Signals(NamedTuple):
         filtered: the force after a median filter of three samples, which removes spikes of a single one.
         start: first stamp of the recording, ns.
         warnings: what was left out, one sentence each.
+        resolution: step of the encoders, rad; near 0 where the readings are not rounded.
     """
 
     joints: Topic
@@ -72,6 +77,7 @@ class Signals(NamedTuple):
     filtered: Topic
     start: int
     warnings: tuple[str, ...]
+    resolution: float
 
     def stretch(self, begin: float, end: float) -> Signals:
         """The part from `begin` (included) to `end` (not included), s; a topic may have no samples there."""
@@ -112,10 +118,19 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
             return None
         topics.append(Topic(name, time[kept], value[kept], _period(time[kept])))
     joints, wrench = topics
+    if cell.sensor.tool_weight:
+        wrench = wrench._replace(value=wrench.value - cell.tool_pull(joints.at(wrench.time)))
     common = min(joints.time[-1], wrench.time[-1]) - max(joints.time[0], wrench.time[0])
     if common < 0.5 * max(joints.time[-1] - joints.time[0], wrench.time[-1] - wrench.time[0]):
         warnings.append(f'{joints.name} and {wrench.name} have only {max(common, 0.0):.1f} s in common by their stamps')
-    return Signals(joints, wrench, wrench._replace(value=median_of_three(wrench.value)), start, tuple(warnings))
+    filtered = wrench._replace(value=median_of_three(wrench.value))
+    return Signals(joints, wrench, filtered, start, tuple(warnings), _resolution(joints))
+
+
+def _resolution(joints: Topic) -> float:
+    """Resolution of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
+    gaps = [np.diff(np.unique(np.round(column, 12))) for column in joints.value.T]
+    return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
 
 
 def _period(time: Floats) -> float:

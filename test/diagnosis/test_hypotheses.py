@@ -14,8 +14,10 @@ from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.diagnosis.advice import many_small
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
+from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -98,6 +100,20 @@ def test_noise_that_grows_with_the_force_is_no_friction():
     assert found.refitted is not None
     assert 0.03 < found.refitted.noise.growth < 0.05
     assert 'grows with the force' in found.advice
+    assert f'noise: {{joint: {found.refitted.noise.joint:.1e}, ' in found.advice
+    assert f'force_relative: {found.refitted.noise.growth:.2g}}}' in found.advice
+
+
+def test_suspects_are_listed_from_two_standard_deviations_on():
+    gain = effect('encoder_gain[joint1]')
+    items = [
+        Found(gain, (Value('gain', size, 1e-4, '1', 'too much'),), in_every_model=False, is_possible=True)
+        for size in (-1.7e-4, -2.1e-4)
+    ]
+    assert 'suspected' not in many_small(0.01, items[:1])
+    text = many_small(0.01, items)
+    assert '−210 ppm' in text
+    assert '170' not in text
 
 
 def test_a_curve_predicts_touches_that_it_was_not_fitted_to():

@@ -93,6 +93,19 @@ def changed(old: str, new: str) -> str:
     return CONTRACT.replace(old, new)
 
 
+@pytest.mark.parametrize('weight', [0.15, 0.0, -0.3])
+def test_weight_of_a_tool(weight):
+    text = dump_cell(PAPER_CELL).replace('frame: base', f'frame: tool\n  tool_weight: {weight}')
+    cell = parse_cell(text + 'gravity: [0.0, -9.81]\n', 'cell.yaml')
+    assert cell.sensor.tool_weight == weight
+    assert parse_cell(dump_cell(cell), 'again') == cell
+    for wrong in (text, text.replace('frame: tool', 'frame: base') + 'gravity: [0.0, -9.81]\n'):
+        with pytest.raises(
+            CellError, match=r'sensor\.tool_weight: it shows under gravity alone, in the frame of the tool'
+        ):
+            parse_cell(wrong, 'cell.yaml')
+
+
 def test_reads_the_contract(tmp_path: Path) -> None:
     path = tmp_path / 'cell.yaml'
     path.write_text(CONTRACT)

@@ -9,6 +9,7 @@ import pytest
 from touches.scenes import CELL, START, TOOL_REACTION, Scene
 
 from scara_kinetostatic.model.cell import SensorSign
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.simulation.motion import Timing
 from scara_kinetostatic.simulation.plan import default_plan
@@ -81,6 +82,23 @@ def test_shortest_hold_and_slow_press():
     plan = PLAN.select(np.arange(12))
     check_against_plan(CELL, PAPER_ACTUAL, plan, SensorModel(), 0, timing=Timing(hold=0.2), force=0.25, joint=1e-5)
     check_against_plan(CELL, PAPER_ACTUAL, plan, SensorModel(), 0, timing=Timing(press=2.5, hold=4.0, travel=3.0))
+
+
+@pytest.mark.parametrize('speed', [1e-4, 2e-4, 1e-3])
+def test_the_steady_part_of_a_slow_press_is_the_hold(speed):
+    scene = Scene(CELL, PAPER_MEASURED)
+    for number in range(9):
+        where = {'disc': number % 3, 'degrees': 45 * number + 20, 'posture': (1, -1)[number % 2]}
+        force = (10.0, 25.0, 40.0)[number // 3]
+        free, loaded = (forward(PAPER_MEASURED, scene.pose(**where, force=size)[0]) for size in (0.0, force))
+        seconds = float(np.hypot(*(loaded - free))) / speed
+        scene.approach(**where).press(**where, force=force, hold=0.7, seconds=seconds)
+        scene.go(scene.pose(**where)[0], seconds).retract(**where)
+    detection = find_touches(scene.streams(noise=0.3 if speed == 1e-3 else 0.05), CELL)
+    assert detection.found == len(detection.touches) == 9
+    middle = np.array([0.5 * (begin + end) for _, _, begin, end in scene.holds])
+    np.testing.assert_allclose(detection.touches.time, middle, rtol=0, atol=0.4)
+    np.testing.assert_allclose(detection.touches.force, scene.truth_of_holds()[1], rtol=0, atol=0.3)
 
 
 def test_weight_of_the_tool_in_motion_is_no_touch():
