@@ -38,12 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('tables', 'FILE.csv', Path, 'continuous records', {'nargs': '+'}),
         ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
         ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
-        (
-            '--driven',
-            '',
-            ('load', 'motion'),
-            'what drives the records (default: as a column says, or where the law errs less)',
-        ),
+        ('--driven', '', ('load', 'motion'), 'what drives the records (default: a column says it, or both are tried)'),
         ('--predict', 'OTHER.csv', Path, predict, many),
     )
     add_results(parser, files='hysteresis.json and hysteresis.html')
@@ -70,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
         problem = f'{records[0].source} is driven by its motion'
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
     tables, is_stated = records[: len(args.tables)], args.driven or any(each.driven_by for each in records)
-    selections, other = (analyse(tables, driven), ()) if is_stated or args.predict else analyse_both(tables)
+    selections, other = (analyse(tables, driven), ()) if is_stated or args.predict else analyse_both(tables, driven)
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
     report = hysteresis_report(selections, predicted, other)
     print_report(args, 'hysteresis', report, hysteresis_document(selections, predicted))

@@ -146,7 +146,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     from collections import Counter
 
     from scara_kinetostatic.model.parameters import quantity
-    from scara_kinetostatic.planning.prediction import Robot, expected_statement, statement_of_many
+    from scara_kinetostatic.planning.prediction import Robot, Statement
     from scara_kinetostatic.planning.report import statement_sentences
 
     cell, found = planner.arm.cell, planned.uncertainty
@@ -159,7 +159,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     predicted, more = found.planned, list[str]()
     if found.now is None:  # no calibration says yet how small the errors are that it does not detect
         robot = Robot.of(cell, planner.arm.model.parameters, planner.arm.noise)
-        statement, many = expected_statement(robot, planned.plan), statement_of_many(robot, planner.candidates.plan)
+        statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
         predicted, more = statement.expanded, statement_sentences(statement, many)
     elif found.planned > 0.9 * found.now:
         more = [f'these touches hardly reduce it: its largest part is {planner.limit}']

@@ -27,21 +27,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from enum import Enum
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from scara_kinetostatic.contour.result import (
-    NO_RADIUS,
-    Contour,
-    Friction,
-    estimate_friction,
-    off_normal_angle,
-    remarks_on,
-)
+from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
@@ -452,10 +444,8 @@ def trace_contour(
         if not right:
             raise
         friction, mended = min(right, key=lambda item: item[0])
-        changes: list[tuple[str, Enum, Enum]] = [
-            (key, getattr(stated, key), getattr(mended, key)) for key in ('frame', 'sign')
-        ]
-        setting = ' and '.join(f'sensor.{key}: {new.value}' for key, old, new in changes if new is not old)
+        changed = [key for key in ('frame', 'sign') if getattr(mended, key) is not getattr(stated, key)]
+        setting = ' and '.join(f'sensor.{key}: {getattr(mended, key).value}' for key in changed)
         remedy = f'{FRAME_OR_SIGN}: with {setting} they agree, and friction is {friction:.2f}'
         raise ForceError(error.problem, remedy) from None
     remarks = *([] if radius is not None else [NO_RADIUS]), *remarks_on(contour, arm)
@@ -538,28 +528,25 @@ def trace_signals(
         tip_radius=radius,
         zero=samples.zero,
         warnings=(*samples.warnings, *cut, *rough[: friction.coefficient > 1]),
-        contradiction=_contradiction(friction, against, into),
+        contradiction=_contradiction(*friction[:2], against, into),
     )
 
 
-def _contradiction(friction: Friction, against: float, into: float) -> str:
+def _contradiction(friction: float, std: float, against: float, into: float) -> str:
     """What in the forces of a slide cannot be, one clause; empty where all can be.
 
     Args:
-        friction: as estimated.
+        friction: estimated coefficient.
+        std: its standard uncertainty.
         against: part of the points whose force points against the travel.
         into: as of `_motion_into_contact`.
     """
     if into < -0.5:  # 120°; friction does not turn a force so far
         return 'the force points against the motion of the tip into contact'
-    if friction.coefficient < -_AGREE * friction.std:
-        value = f'{friction.coefficient:.3f} ± {friction.std:.3f}'
-        return f'the coefficient of friction would be {value}, and friction is not negative'
-    return (
-        f'the force points against the travel of the tip at {100 * against:.0f} % of the points'
-        if against > 0.25
-        else ''
-    )
+    if friction < -_AGREE * std:
+        return f'the coefficient of friction would be {friction:.3f} ± {std:.3f}, and friction is not negative'
+    part = f'{100 * against:.0f} % of the points'
+    return f'the force points against the travel of the tip at {part}' * (against > 0.25)
 
 
 def _motion_into_contact(signals: Signals, samples: ContactSamples, force: Floats, arm: CalibratedArm) -> float:

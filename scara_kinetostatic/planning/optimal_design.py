@@ -38,16 +38,7 @@ from scara_kinetostatic.planning.candidate_touches import (
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import (
-    Prediction,
-    Robot,
-    Statement,
-    expected_statement,
-    predict,
-    statement_of_many,
-    tip_in_use,
-    tip_std,
-)
+from scara_kinetostatic.planning.prediction import Prediction, Robot, Statement, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 
 _USUAL = 36
@@ -141,13 +132,13 @@ class Design:
     @cached_property
     def statement(self) -> Statement:
         """What a calibration with the recommended touches is expected to state."""
-        return expected_statement(self.robot, self.plan)
+        return Statement.of(self.robot, self.plan)
 
     @cached_property
     def many(self) -> tuple[int, Statement]:
-        """As `statement_of_many`."""
+        """As `Statement.of_many`."""
         every = candidate_plan(self.robot, self.requirements.levels, self.requirements.postures)
-        return statement_of_many(self.robot, every, int(self.curve.touches[-1]))
+        return Statement.of_many(self.robot, every, int(self.curve.touches[-1]))
 
 
 def required(tip: Floats, requirements: Requirements) -> Floats:

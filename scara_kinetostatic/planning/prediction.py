@@ -159,30 +159,30 @@ class Statement(NamedTuple):
         source, part = next(iter(self.parts.items()))
         return source, part**2 / sum(each**2 for each in self.parts.values())
 
+    @classmethod
+    def of(cls, robot: Robot, plan: Plan) -> Statement:
+        """With the touches of a plan, by the functions by which a calibration states it.
 
-def expected_statement(robot: Robot, plan: Plan) -> Statement:
-    """The uncertainty that a calibration with the touches of a plan states, by the functions by which it does so.
+        The touches are exact. The errors of the arm that are too small to be detected count, and those of objects of
+        which nothing is declared, with their typical sizes or those that the cell states.
 
-    The touches are exact. The errors of the arm that are too small to be detected count, and those of objects of which
-    nothing is declared, with their typical sizes or those that the cell states.
+        Raises:
+            UnsupportedDataError: the touches do not allow a calibration.
+        """
+        cell = replace(robot.cell, noise=robot.noise)
+        before = calibrate(simulate_touches(cell, robot.parameters, plan, Noise(0.0, 0.0)), cell)
+        fit = fit_mixed(before, catalogue(cell), expected=True).fit
+        tip, squares = tip_uncertainty(fit), defaultdict[str, float](float)
+        for item in uncertainty_budget(fit, tip):
+            squares[item.title if item.kind in (NOISE, UNDETECTED) else item.kind.replace('_', ' ')] += item.tip**2
+        ordered = sorted(squares.items(), key=lambda pair: -pair[1])
+        return cls(tip.worst, {source: float(np.sqrt(square)) for source, square in ordered})
 
-    Raises:
-        UnsupportedDataError: the touches do not allow a calibration.
-    """
-    cell = replace(robot.cell, noise=robot.noise)
-    before = calibrate(simulate_touches(cell, robot.parameters, plan, Noise(0.0, 0.0)), cell)
-    fit = fit_mixed(before, catalogue(cell), expected=True).fit
-    tip, squares = tip_uncertainty(fit), defaultdict[str, float](float)
-    for item in uncertainty_budget(fit, tip):
-        squares[item.title if item.kind in (NOISE, UNDETECTED) else item.kind.replace('_', ' ')] += item.tip**2
-    ordered = sorted(squares.items(), key=lambda pair: -pair[1])
-    return Statement(tip.worst, {source: float(np.sqrt(square)) for source, square in ordered})
-
-
-def statement_of_many(robot: Robot, every: Plan, number: int = 108) -> tuple[int, Statement]:
-    """How many touches, evenly distributed over those that can be made, are many, and what is expected with them."""
-    at = np.linspace(0, len(every) - 1, min(number, len(every))).round().astype(np.intp)
-    return len(at), expected_statement(robot, every.select(at))
+    @classmethod
+    def of_many(cls, robot: Robot, every: Plan, number: int = 108) -> tuple[int, Statement]:
+        """How many touches, evenly distributed over all that can be made, are many, and what is expected with them."""
+        at = np.linspace(0, len(every) - 1, min(number, len(every))).round().astype(np.intp)
+        return len(at), cls.of(robot, every.select(at))
 
 
 class ExactTouches(NamedTuple):

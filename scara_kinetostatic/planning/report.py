@@ -32,7 +32,6 @@ _ABOUT_TOUCHES = (
 _HELPS = {
     'noise': 'repeat them',
     'object': 'measure the objects better, and declare it (objects: uncertainty)',
-    'plate': 'touch more than one plate, or measure where it stands',
     'radius': 'measure the radii and that of the tip better, and declare it',
     '': 'where more is known of it than a typical size, state it (uncertainty: effects)',
 }
@@ -87,10 +86,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'least_possible': design.least_possible,
         },
         'recommended': _recommended(design),
-        'expected': {
-            'recommended': design.statement,
-            'many': dict(zip(('touches', 'statement'), design.many, strict=True)),
-        },
+        'expected': {'recommended': design.statement, 'touches': design.many[0], 'of_these': design.many[1]},
         'by_number': design.curve,
     }
 
@@ -132,9 +128,8 @@ def noise_sentences(design: Design) -> list[str]:
             f'{" and ".join(robot.assumed)}. Calibrate once, and state the noise that it estimates.'
         ]
     if robot.declared is None:
-        sentences.append(
-            'For the accuracy, discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
-        )
+        what = 'discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
+        sentences.append(f'For the accuracy, {what}')
     else:
         parts = sorted(design.contributions.items(), key=lambda item: -item[1])
         said = ', '.join(f'{kind} {um(value)} µm' for kind, value in parts if value >= 0.05 * parts[0][1])

@@ -34,7 +34,7 @@ from scara_kinetostatic.model.kinetostatics import DRAG
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, expected_statement, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import Robot, Statement, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.planning.report import design_report
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.report.quantities import micrometres
@@ -137,11 +137,9 @@ def test_what_limits_is_said_and_what_helps(stated):
     assert f'108, evenly distributed, would leave {micrometres(many.expanded)} µm' in said
     assert 'from undetected object position: measure the objects better, and declare it' in said
     known = replace(CELL, discs=tuple(d._replace(center_std=1e-6, radius_std=1e-6) for d in CELL.discs))
-    assert expected_statement(Robot.of(known), stated.plan).expanded < 0.9 * stated.statement.expanded
+    assert Statement.of(Robot.of(known), stated.plan).expanded < 0.9 * stated.statement.expanded
     nothing = EffectSizes(SizeMode.NONE)
-    alone = expected_statement(
-        Robot.of(replace(CELL, uncertainty=replace(CELL.uncertainty, effects=nothing))), stated.plan
-    )
+    alone = Statement.of(Robot.of(replace(CELL, uncertainty=replace(CELL.uncertainty, effects=nothing))), stated.plan)
     assert [*alone.parts] == ['noise of the touches']
     # of one force, with both axes together in one and the worst direction in the other
     assert 0.5 < alone.expanded / (2 * stated.tip_std) < 2.0

@@ -298,7 +298,7 @@ def sine_slip(noise: float = 1e-6) -> Record:
 
 
 def test_both_are_tried_where_nothing_states_what_drives() -> None:
-    (found,), (other,) = analyse_both([sine_slip()])
+    (found,), (other,) = analyse_both([sine_slip()], what_drives([sine_slip()]))
     assert (found.study.driven_by, other.study.driven_by) == (LOAD, MOTION)
     assert found.final_share < 0.3 * other.final_share
     estimates = found.final.parameters

@@ -19,15 +19,7 @@ from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, 
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, block_means
-from scara_kinetostatic.studies.loops.selection import (
-    NONE,
-    UNDECIDED,
-    VARIABLES,
-    Dependence,
-    Judged,
-    Selection,
-    held_out_share,
-)
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
 
 
 def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
@@ -134,11 +126,9 @@ def hysteresis_report(
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     if other:
-        shares = [f'{100 * held_out_share(each):.2g} %' for each in (selections, other)]
-        what += (
-            f' Nothing states what drives; held out, the law errs by {shares[0]} of the range, {shares[1]} as driven'
-        )
-        what += f' by their {other[0].study.driven_by} (--driven decides).'
+        one, two = (f'{100 * max(each.final_share for each in some):.2g} %' for some in (selections, other))
+        what += f' Nothing states what drives; held out, the law errs by {one} of the range, {two} as driven by their '
+        what += f'{other[0].study.driven_by} (--driven decides).'
     records = [record for each in selections for record in each.study.records]
     size = f'{count(len(records), "record")}, {count(sum(map(len, records)), "sample")}'
     return Report(

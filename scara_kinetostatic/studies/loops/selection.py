@@ -62,16 +62,7 @@ from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
-from scara_kinetostatic.studies.loops.record import (
-    FEWEST_ROWS,
-    LEVEL,
-    LOAD,
-    MOTION,
-    Record,
-    RecordPath,
-    block_means,
-    what_drives,
-)
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
 _BINS = 16
 POWER = 0.9
@@ -591,16 +582,13 @@ class Selection(NamedTuple):
     @property
     def share_of_range(self) -> float:
         """Held-out error of law (6) over the range of what is predicted."""
-        return self.before.held_out_rms / self._range
+        paths = self.study.paths
+        return self.before.held_out_rms / max(float(np.ptp(each.driven)) for each in paths)
 
     @property
     def final_share(self) -> float:
         """The same of the law stated."""
-        return self.final.held_out_rms / self._range
-
-    @property
-    def _range(self) -> float:
-        return max(float(np.ptp(each.driven)) for each in self.study.paths)
+        return self.share_of_range * self.final.held_out_rms / self.before.held_out_rms
 
     def is_clearly_smaller(self, candidate: Candidate) -> bool:
         """Whether its held-out error is clearly below that of law (6): below 80 % of it."""
@@ -631,25 +619,24 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
     return (selection,)
 
 
-def analyse_both(records: Sequence[Record]) -> tuple[tuple[Selection, ...], tuple[Selection, ...]]:
+def analyse_both(records: Sequence[Record], looks: str) -> tuple[tuple[Selection, ...], tuple[Selection, ...]]:
     """Records of which nothing states what drives them, as driven by that by which the law errs less on what it has not
-    seen (`held_out_share`), and by the other; nothing for that where they cannot be driven by it.
+    seen (`Selection.final_share`), and by the other; nothing for that where they cannot be driven by it.
+
+    Args:
+        records: of one joint.
+        looks: what they look driven by.
 
     Raises:
         RecordingError, UnsupportedDataError: as `analyse`, by what they look driven by.
     """
-    looks = what_drives(records)
     found = analyse(records, looks)
     try:
         other = analyse(records, LOAD if looks == MOTION else MOTION)
     except (RecordingError, UnsupportedDataError):
         return found, ()
-    return (other, found) if held_out_share(other) < held_out_share(found) else (found, other)
-
-
-def held_out_share(selections: Sequence[Selection]) -> float:
-    """Held-out error of the law stated over the range of what is predicted, the largest of all."""
-    return max(each.final_share for each in selections)
+    better, worse = sorted((found, other), key=lambda some: max(each.final_share for each in some))
+    return better, worse
 
 
 def select_model(study: Study) -> Selection:
