@@ -445,8 +445,8 @@ def trace_contour(
             raise
         friction, mended = min(right, key=lambda item: item[0])
         changed = [key for key in ('frame', 'sign') if getattr(mended, key) is not getattr(stated, key)]
-        setting = ' and '.join(f'sensor.{key}: {getattr(mended, key).value}' for key in changed)
-        remedy = f'{FRAME_OR_SIGN}: with {setting} they agree, and friction is {friction:.2f}'
+        keys = ' and '.join(f'sensor.{key}: {getattr(mended, key).value}' for key in changed)
+        remedy = f'{FRAME_OR_SIGN}: with {keys} they agree, and friction is {friction:.2f}'
         raise ForceError(error.problem, remedy) from None
     remarks = *([] if radius is not None else [NO_RADIUS]), *remarks_on(contour, arm)
     return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))
