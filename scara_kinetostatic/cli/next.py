@@ -144,6 +144,7 @@ def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
 def _summary(planner: Planner, planned: PlannedTouches) -> str:
     """What was planned."""
     from collections import Counter
+    from contextlib import suppress
 
     from scara_kinetostatic.model.parameters import quantity
     from scara_kinetostatic.planning.prediction import Robot, Statement
@@ -159,8 +160,9 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     predicted, more = found.planned, list[str]()
     if found.now is None:  # no calibration says yet how small the errors are that it does not detect
         robot = Robot.of(cell, planner.arm.model.parameters, planner.arm.noise)
-        statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
-        predicted, more = statement.expanded, statement_sentences(statement, many)
+        with suppress(UnsupportedDataError):  # so few touches allow none
+            statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
+            predicted, more = statement.expanded, statement_sentences(statement, many)
     elif found.planned > 0.9 * found.now:
         more = [f'these touches hardly reduce it: its largest part is {planner.limit}']
     return (
