@@ -441,10 +441,11 @@ def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]
     yield from _of_joints(r, cell, origin)
     if cell.has_outlines:
         yield from _of_tip(r, cell)
-    else:
-        for one in _of_discs(r, cell):
-            if not layout_problems(cell, *one.mended.surfaces[1:3]):
-                yield one
+    first = np.unique(r.surfaces.object, return_index=True)[1]  # of a disc its circle
+    for one in _of_discs(r, cell):
+        places = one.mended.surfaces.select(first)
+        if not layout_problems(cell, places.centers, places.radii):
+            yield one
     yield from _of_nominal(r)
 
 
@@ -532,24 +533,29 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candida
 
 def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
     """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs."""
-    centers, radii, names = r.surfaces.centers, r.surfaces.radii, [disc.name for disc in cell.discs]
-    each = [(f'objects: {name}', name, np.arange(len(names)) == d) for d, name in enumerate(names)]
-    for where, name, own in [('objects', 'every disc', np.ones(len(names), dtype=bool)), *each]:
+    centers, radii, own = r.surfaces.centers, r.surfaces.radii, r.surfaces.object
+    round_ones = [(d, disc.name) for d, disc in enumerate(cell.discs) if not isinstance(disc, Outline)]
+    each = [(f'objects: {name}', name, own == d) for d, name in round_ones]
+    every = [('objects', 'every disc', np.isin(own, [d for d, _ in round_ones]))]
+    for where, name, here in [*every[: len(each) > 1], *each]:
         for matrix, statement, action in _PLACES:
-            moved = np.where(own[:, None], _applied(matrix, centers), centers)
+            moved = np.where(here[:, None], _applied(matrix, centers), centers)
             if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
                 yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
+        value = float(radii[here][0])
+        stated, halved = ('', 'halve it') if where == 'objects' else (f' {value:g}', f'set it to {0.5 * value:g}')
+        halved += ' and add the radius of the tip if it is not contained'
         for factor, statement, action in (
-            (0.5, f'radius is the diameter of {name}', 'halve it and add the radius of the tip if it is not contained'),
+            (0.5, f'radius{stated} is the diameter of {name}', halved),
             (2.0, f'radius of {name} is half of what it should be', 'double it'),
         ):
-            yield _Candidate(where, statement, action, r.with_surfaces(radii=np.where(own, factor * radii, radii)))
-    for i, j in combinations(range(len(names)), 2):
-        if abs(radii[i] - radii[j]) > _Limits.same_length:
-            swapped = radii.copy()
-            swapped[[i, j]] = radii[[j, i]]
-            statement = f'the radii, or the centers, of {names[i]} and {names[j]} are swapped'
+            yield _Candidate(where, statement, action, r.with_surfaces(radii=np.where(here, factor * radii, radii)))
+    for (i, one), (j, other) in combinations(round_ones, 2):
+        first, second = own == i, own == j
+        if abs(radii[first][0] - radii[second][0]) > _Limits.same_length:
+            swapped = np.where(first, radii[second][0], np.where(second, radii[first][0], radii))
+            statement = f'the radii, or the centers, of {one} and {other} are swapped'
             yield _Candidate('objects', statement, 'exchange them', r.with_surfaces(radii=swapped))
 
 
@@ -595,6 +601,14 @@ def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
             nominal[j] = wrap(nominal[j] + np.deg2rad(degrees))
             statement, action = f'the offset {NAMES[j]} is wrong by {degrees}°', f'give {nominal[j]:.2f} rad'
             yield _Candidate(f'robot.nominal.{NAMES[j]}', statement, action, r._replace(nominal=nominal))
+    for some in ((THETA1,), (THETA2,), (THETA1, THETA2)) if r.free[[THETA1, THETA2]].all() else ():
+        nominal = r.nominal.copy()
+        nominal[[*some]] = np.deg2rad(nominal[[*some]])
+        if not nominal[[*some]].all():
+            continue
+        stated, right = (' and '.join(f'{NAMES[j]}: {each[j]:.6g}' for j in some) for each in (r.nominal, nominal))
+        statement = f'{stated}: in degrees, not in rad'
+        yield _Candidate('robot.nominal', statement, f'set {right}', r._replace(nominal=nominal))
     for j in np.flatnonzero(r.free[:-1] == 0).tolist():
         name, free = NAMES[j], np.where(np.arange(len(r.free)) == j, 1.0, r.free)
         statement = f'the fixed value {r.nominal[j]:g} {UNITS[name]} of {name} contradicts the touches'

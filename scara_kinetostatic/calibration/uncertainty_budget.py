@@ -68,13 +68,18 @@ class Item(NamedTuple):
     @property
     def title(self) -> str:
         """In words: ``place of disc_1`` for ``object_position[disc_1]``."""
-        target = self.target.replace('_', ' ') if self.kind == UNDETECTED else self.target
-        return _TITLES.get(self.kind, self.label).format(target)
+        return title_of(self.label)
 
     @property
     def evaluation(self) -> str:
         """``A`` or ``B`` (GUM, 2.3.2 and 2.3.3)."""
         return 'A' if self.label == NOISE else 'B'
+
+
+def title_of(label: str) -> str:
+    """A source in words, by its label."""
+    kind, _, target = label.removesuffix(']').partition('[')
+    return _TITLES.get(kind, label).format(target.replace('_', ' ') if kind == UNDETECTED else target)
 
 
 def uncertainty_budget(c: Calibration, tip: TipUncertainty) -> tuple[Item, ...]:

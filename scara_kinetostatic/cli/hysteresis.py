@@ -9,7 +9,7 @@ before and after.
 Driven by its motion: full loops, six sweeps or more; the force is predicted.
 Driven by its load: at rest, loaded, unloaded, once or several times, or loops of
 six sweeps or more; the response is predicted; several records of one joint are
-judged together. A column such as commanded_Nm says what drives.
+judged together. A column such as commanded_Nm says what drives; else both are tried.
 
 A table needs time_s and a response with its load: displacement_m and force_N
 (or mm, um, kN), or angle_rad and torque_Nm (or mrad, urad, deg, mNm).
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('tables', 'FILE.csv', Path, 'continuous records', {'nargs': '+'}),
         ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
         ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
-        ('--driven', '', ('load', 'motion'), 'what drives the records (default: as they look)'),
+        ('--driven', '', ('load', 'motion'), 'what drives the records (default: a column says it, or both are tried)'),
         ('--predict', 'OTHER.csv', Path, predict, many),
     )
     add_results(parser, files='hysteresis.json and hysteresis.html')
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.studies.loops.record import MOTION, check_alike, load_record, what_drives
     from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
-    from scara_kinetostatic.studies.loops.selection import analyse, predict_records
+    from scara_kinetostatic.studies.loops.selection import analyse, analyse_both, predict_records
 
     paths = [*args.tables, *args.predict]
     check_different(paths)
@@ -64,7 +64,8 @@ def run(args: argparse.Namespace) -> None:
     if args.predict and driven == MOTION:
         problem = f'{records[0].source} is driven by its motion'
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
-    selections = analyse(records[: len(args.tables)], driven)
+    tables, is_stated = records[: len(args.tables)], args.driven or any(each.driven_by for each in records)
+    selections, other = (analyse(tables, driven), ()) if is_stated or args.predict else analyse_both(tables, driven)
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
-    report = hysteresis_report(selections, predicted)
+    report = hysteresis_report(selections, predicted, other)
     print_report(args, 'hysteresis', report, hysteresis_document(selections, predicted))

@@ -144,8 +144,11 @@ def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
 def _summary(planner: Planner, planned: PlannedTouches) -> str:
     """What was planned."""
     from collections import Counter
+    from contextlib import suppress
 
     from scara_kinetostatic.model.parameters import quantity
+    from scara_kinetostatic.planning.prediction import Robot, Statement
+    from scara_kinetostatic.planning.report import statement_sentences
 
     cell, found = planner.arm.cell, planned.uncertainty
     counts = Counter(cell.discs[disc].name for disc in planned.plan.disc)
@@ -154,7 +157,16 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     stated = 'not determined' if found.now == float('inf') else quantity(found.now or 0.0, 'm')
     now = '' if found.now is None else f'now {stated}, '
     tolerance = '' if cell.tolerance is None else f'; tolerance {quantity(cell.tolerance, "m")}'
+    predicted, more = found.planned, list[str]()
+    if found.now is None:  # no calibration says yet how small the errors are that it does not detect
+        robot = Robot.of(cell, planner.arm.model.parameters, planner.arm.noise)
+        with suppress(UnsupportedDataError):  # so few touches allow none
+            statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
+            predicted, more = statement.expanded, statement_sentences(statement, many)
+    elif found.planned > 0.9 * found.now:
+        more = [f'these touches hardly reduce it: its largest part is {planner.limit}']
     return (
         f'{len(planned.plan)} touches: {where}; clearance {clearance}\n'
-        f'expanded uncertainty of the tip (k = 2): {now}predicted {quantity(found.planned, "m")}{tolerance}'
+        f'expanded uncertainty of the tip (k = 2): {now}predicted {quantity(predicted, "m")}{tolerance}'
+        + ''.join(f'\n{text}' for text in more)
     )

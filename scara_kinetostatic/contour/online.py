@@ -105,8 +105,8 @@ class OnlineContour:
 
     @property
     def problem(self) -> str:
-        """Why the last poll traced nothing although something is touched; a jump for 30 s, and until the outlines are
-        forgotten that parts of them may be wrong.
+        """Why the last poll traced nothing although something is touched; for 30 s a jump, or forces that contradict
+        the motion; and until the outlines are forgotten that parts of them may be wrong.
         """
         event = self._event if self.now < self._until else ''
         return '; '.join(filter(None, (self._doubt, event, self._problem)))
@@ -147,6 +147,8 @@ class OnlineContour:
             self._problem = error.problem if touching else ''
             self._drop(self.now - (_LONGEST if touching else 3 * SECOND))
         else:
+            if contour.contradiction:
+                self._event, self._until = f'{contour.contradiction}; {trace.FRAME_OR_SIGN}', self.now + 30 * SECOND
             self._join(contour, signals, touching, last)
         return self._shown is not before
 

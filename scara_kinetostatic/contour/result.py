@@ -341,6 +341,7 @@ class Contour:
         tip_radius: m.
         zero: what the sensor reports without force, as it was taken for the last contact, (2,), N.
         warnings: one sentence each.
+        contradiction: what in the forces cannot be, as by a wrong frame or sign of the sensor, one clause; empty else.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -368,6 +369,7 @@ class Contour:
     tip_radius: float
     zero: Floats
     warnings: tuple[str, ...]
+    contradiction: str = ''
 
     def __len__(self) -> int:
         return len(self.time)

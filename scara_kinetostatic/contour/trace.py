@@ -25,7 +25,9 @@ the free motion right before it, where there is one. The force is taken to the s
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +38,9 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Sensor, SensorSign
+from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import posture, quarter_turn
+from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, as_signals, moving_mean, white_noise
@@ -58,6 +60,7 @@ class ContactSamples(NamedTuple):
         joints: Q, (n, 2), rad.
         force: as the sensor reports it, less its zero, (n, 2), N.
         contact: number of the contact, (n,).
+        begin: when each contact begins that the tip comes to, s.
         force_noise: standard deviation of the white noise of a component of the force, smoothed, N.
         zero: that of the last contact.
         warnings: what is unusual, one sentence each.
@@ -67,6 +70,7 @@ class ContactSamples(NamedTuple):
     joints: Floats
     force: Floats
     contact: Indices
+    begin: Floats
     force_noise: float
     zero: Floats
     warnings: tuple[str, ...]
@@ -119,7 +123,7 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
     contact = (np.cumsum(breaks & used) - 1)[used]
     noise = white_noise(signals.wrench.value) / float(np.sqrt(width))
-    return ContactSamples(time[used], joints[used], force[used], contact, noise, own, warnings)
+    return ContactSamples(time[used], joints[used], force[used], contact, contacts.begin, noise, own, warnings)
 
 
 def force_zero(signals: Signals, source: str) -> Floats:
@@ -189,6 +193,8 @@ FEWEST = 4
 """Samples on each side, at least."""
 _AGREE = 3.0
 """Directions agree where they differ by at most this many standard deviations."""
+_LARGEST_ROTATION = 0.15
+"""Of a force sensor that is in the frame that is stated, rad."""
 
 
 class Course(NamedTuple):
@@ -386,6 +392,14 @@ LARGEST_TIP = 0.1
 """Largest radius of a tip, m; more is one in millimetres."""
 
 
+FRAME_OR_SIGN = 'check frame and sign of the force sensor in the cell description'
+"""What to do where forces and motion contradict each other."""
+
+
+class ForceError(UnsupportedDataError):
+    """Forces and motion contradict each other, as by a wrong frame or sign of the force sensor."""
+
+
 class JumpError(UnsupportedDataError):
     """The tip jumps while in contact; `what` says how far, without when."""
 
@@ -408,7 +422,7 @@ def trace_contour(
 
     Raises:
         ParameterError: the radius is not one of a tip.
-        UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the force is not across its motion;
+        UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the force contradicts its motion;
             the calibration does not determine where it is.
     """
     radius = arm.cell.tip_radius if tip_radius is None else tip_radius
@@ -417,9 +431,36 @@ def trace_contour(
     signals = as_signals(replace(streams, joints=streams.joints.while_held(arm.cell)), arm.cell)
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
-    contour = trace_signals(signals, streams.source, arm, sensor or arm.cell.sensor, radius or 0.0)
+    stated, source = sensor or arm.cell.sensor, streams.source
+    try:
+        contour = _uncontradicted(trace_signals(signals, source, arm, stated, radius or 0.0))
+    except ForceError as error:
+        right = []
+        for frame, sign in product(SensorFrame, SensorSign):
+            other = stated._replace(frame=frame, sign=sign)
+            with suppress(UnsupportedDataError):
+                found = _uncontradicted(trace_signals(signals, source, arm, other, radius or 0.0))
+                right.append((abs(found.friction.coefficient), other))
+        if not right:
+            raise
+        friction, mended = min(right, key=lambda item: item[0])
+        changed = [key for key in ('frame', 'sign') if getattr(mended, key) is not getattr(stated, key)]
+        keys = ' and '.join(f'sensor.{key}: {getattr(mended, key).value}' for key in changed)
+        remedy = f'{FRAME_OR_SIGN}: with {keys} they agree, and friction is {friction:.2f}'
+        raise ForceError(error.problem, remedy) from None
     remarks = *([] if radius is not None else [NO_RADIUS]), *remarks_on(contour, arm)
     return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))
+
+
+def _uncontradicted(contour: Contour) -> Contour:
+    """The contour.
+
+    Raises:
+        ForceError: its forces contradict its motion.
+    """
+    if contour.contradiction:
+        raise ForceError(f'{contour.source}: {contour.contradiction}', FRAME_OR_SIGN)
+    return contour
 
 
 def trace_signals(
@@ -436,7 +477,7 @@ def trace_signals(
         zero: what the sensor reports without force, (2,), N, where it is known; None: from the part.
 
     Raises:
-        UnsupportedDataError: as `trace_contour`.
+        UnsupportedDataError: as `trace_contour`, but for forces that contradict the motion (`Contour.contradiction`).
     """
     samples, measured = contact_samples(signals, source, zero), replace(arm, cell=replace(arm.cell, sensor=sensor))
     reported = -samples.force if sensor.sign is SensorSign.ON_ROBOT else samples.force
@@ -453,6 +494,7 @@ def trace_signals(
     parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
     course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(rows)
     is_across = _across(course, force[inside], number[inside], source)
+    into = _motion_into_contact(signals, samples, force, arm)
     left_out = int((~course.end & ~is_across).sum())
     course, used = Course._make(column[is_across] for column in course), inside[is_across]
     along, n, force, surface = course.along, course.normal, force[used], places.center[used]
@@ -464,7 +506,11 @@ def trace_signals(
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
     passes = np.unique(number[used], return_inverse=True)[1]
+    friction = estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation)
+    turned = _LARGEST_ROTATION + _AGREE * float(np.hypot(force_std, samples.force_noise / size))
+    against = float((off_normal_angle(force, n, along) < -turned).mean())
     cut = [f'{left_out} points left out: the force is not across the motion of the tip'][:left_out]
+    rough = [f'the coefficient of friction, {friction.coefficient:.2f}, is that of rubber: {FRAME_OR_SIGN}']
     return Contour(
         source=source,
         time=samples.time[used],
@@ -477,12 +523,44 @@ def trace_signals(
         passes=passes,
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
         by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
-        friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
+        friction=friction,
         inner_corner=inner_corner,
         tip_radius=radius,
         zero=samples.zero,
-        warnings=(*samples.warnings, *cut),
+        warnings=(*samples.warnings, *cut, *rough[: friction.coefficient > 1]),
+        contradiction=_contradiction(*friction[:2], against, into),
     )
+
+
+def _contradiction(friction: float, std: float, against: float, into: float) -> str:
+    """What in the forces of a slide cannot be, one clause; empty where all can be.
+
+    Args:
+        friction: estimated coefficient.
+        std: its standard uncertainty.
+        against: part of the points whose force points against the travel.
+        into: as of `_motion_into_contact`.
+    """
+    if into < -0.5:  # 120°; friction does not turn a force so far
+        return 'the force points against the motion of the tip into contact'
+    if friction < -_AGREE * std:
+        return f'the coefficient of friction would be {friction:.3f} ± {std:.3f}, and friction is not negative'
+    part = f'{100 * against:.0f} % of the points'
+    return f'the force points against the travel of the tip at {part}' * (against > 0.25)
+
+
+def _motion_into_contact(signals: Signals, samples: ContactSamples, force: Floats, arm: CalibratedArm) -> float:
+    """Cosine of the angle from the last millimetre before a contact to the first force in it, the median of all
+    contacts; NaN where none shows it.
+    """
+    time, place, found = signals.joints.time, forward(arm.model.parameters, signals.joints.value), []
+    for at, first in zip(*(np.searchsorted(each, samples.begin) for each in (time, samples.time)), strict=True):
+        if first < len(samples.time) and at < len(time):
+            motion = place[at] - place[:at]
+            if len(away := np.flatnonzero(np.hypot(*motion.T) > 1e-3)):
+                pair = motion[away[-1]], force[first]
+                found.append(float(pair[0] @ pair[1] / np.prod(np.linalg.norm(pair, axis=1))))
+    return float(np.median(found)) if found else float('nan')
 
 
 def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:
@@ -512,7 +590,7 @@ def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask
     """Where the force is across the motion, (n,); without the ends of passes.
 
     Raises:
-        UnsupportedDataError: the force is nowhere across, or at many points not.
+        ForceError: the force is nowhere across, or at many points not.
     """
     # rad; beyond, the path is not that of a tip on a surface
     across = ~course.end & (np.abs(off_normal_angle(force, course.normal, course.along)) < 1.2)
@@ -523,7 +601,7 @@ def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask
     across &= np.bincount(number[across], minlength=passes)[number] > 1  # one point has no direction
     if part > 0.5 or not across.any():
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
-        raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
+        raise ForceError(problem, FRAME_OR_SIGN)
     return across
 
 

@@ -113,8 +113,13 @@ def weights_of(group: Indices, logs: Floats) -> Floats:
     return np.where(group >= 0, np.exp(logs[group]), 1.0)
 
 
-def estimate_sizes(inner: Whitened, group: Indices, start: Floats, freedoms: Floats) -> tuple[Floats, Floats]:
-    """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels; `group` of each column."""
+def estimate_sizes(
+    inner: Whitened, group: Indices, start: Floats, freedoms: Floats, *, held: bool = False
+) -> tuple[Floats, Floats]:
+    """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels; `group` of each column.
+
+    Where they are `held` they are those to begin with, and the variances those to be expected.
+    """
     count = len(start) - 1
     member = (group[:, None] == np.arange(count)).astype(float)
 
@@ -130,6 +135,8 @@ def estimate_sizes(inner: Whitened, group: Indices, start: Floats, freedoms: Flo
         hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
         gradient[:-1] += 2 * member.T @ (np.diag(part) - effects**2)
         hessian[:-1, :-1] += 4 * member.T @ np.square(part) @ member
+        if held:
+            break
         step = -np.linalg.solve(hessian + 1e-3 * np.eye(count + 1), gradient)
         step *= min(1.0, _LARGEST_STEP / np.abs(step).max())
         for _ in range(5):

@@ -20,6 +20,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -232,6 +233,7 @@ class Within:
 
 
 ANY = Within()
+_DECIMAL_COMMA = re.compile(r'[-+]?\d+,\d+([eE][-+]?\d+)?')
 
 
 class Section:
@@ -264,8 +266,11 @@ class Section:
         if not isinstance(data, Mapping):
             raise self.error('', f'expected a mapping with {", ".join(known)}, got {shown(data)}')
         self.data = data
-        for name in data:
+        for before, name in pairwise([None, *data]):
             if name not in known:
+                if before is not None and name.isdecimal() and data[name] is None:  # in braces: {l1: 0,25}
+                    whole = f'{data[before]},{name}'
+                    raise self.error(before, f'{whole} has a decimal comma', f'write {whole.replace(",", ".")}')
                 close = difflib.get_close_matches(name, known, 1)
                 remedy = f'did you mean {close[0]!r}?' if close else f'the keys here are {", ".join(known)}'
                 raise self.error('', f'unknown key {name!r}', remedy)
@@ -319,7 +324,9 @@ class Section:
         """A finite number within its limits."""
         value = self.data[name]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise self.error(name, f'expected a number, got {shown(value)}')
+            comma = _DECIMAL_COMMA.fullmatch(str(value))
+            remedy = f'write {comma[0].replace(",", ".")}: decimals have a point, not a comma' if comma else ''
+            raise self.error(name, f'expected a number, got {shown(value)}', remedy)
         if not math.isfinite(value):
             raise self.error(name, f'expected a finite number, got {value}')
         if within.most == math.inf and (implausible := implausible_size(value, within.unit)):
@@ -336,7 +343,9 @@ class Section:
         """A list with as many entries, numbers unless told, as there are labels, which name them in messages."""
         values = self.data[name]
         if not isinstance(values, list) or len(values) != len(labels):
-            raise self.error(name, f'expected [{", ".join(labels)}], got {shown(values)}')
+            commas = isinstance(values, list) and len(values) > len(labels)
+            remedy = 'decimals have a point, not a comma' if commas else ''
+            raise self.error(name, f'expected [{", ".join(labels)}], got {shown(values)}', remedy)
         entries = self._inside(self._path(name), dict(zip(labels, values, strict=True)), (), labels)
         return tuple(reader(entries, label) for label in labels)
 

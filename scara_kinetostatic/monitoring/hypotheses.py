@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
@@ -54,6 +56,7 @@ class Hypothesis(NamedTuple):
         statistic: T, how much chi-square it explains; 0 before it is held against evidence.
         change: estimate of the change of each value, SI; empty before that, as `std`.
         std: its standard uncertainty, SI; NaN where the evidence does not determine it.
+        distance: of a change of x and y, how far, and its standard uncertainty, m; None else.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Hypothesis(NamedTuple):
     statistic: float = 0.0
     change: tuple[float, ...] = ()
     std: tuple[float, ...] = ()
+    distance: tuple[float, float] | None = None
 
     @property
     def title(self) -> str:
@@ -71,13 +75,14 @@ class Hypothesis(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The change with its standard uncertainty; several values with their names."""
+        """The change with its standard uncertainty; several values with their names, and how far it is."""
         largest = max(map(abs, self.change))
         found = []
         for name, value, std, unit in zip(self.values, self.change, self.std, self.units, strict=True):
             change = shown(value, std, unit, {unit: SCALES.get(name) or scale_of(largest, unit)}).text
             found.append(f'{name} {change}' if len(self.values) > 1 else change)
-        return ', '.join(found)
+        far = f'{shown(*self.distance, "m", {"m": scale_of(largest, "m")}).text}: ' if self.distance else ''
+        return far + ', '.join(found)
 
     @property
     def score(self) -> float:
@@ -130,7 +135,9 @@ def ranked(hypotheses: Sequence[Hypothesis], evidence: Evidence, state: State) -
     for hypothesis in hypotheses:
         ratio, scale = evidence.ratio(hypothesis.places), state.scale[list(hypothesis.places)]
         change, std = (tuple((scale * part).tolist()) for part in (ratio.change, ratio.std))
-        found.append(hypothesis._replace(statistic=ratio.statistic, change=change, std=std))
+        far, unsure = float(np.linalg.norm(change)), float(scale[0] * ratio.size_std)
+        distance = (far, unsure) if hypothesis.values == ('x', 'y') else None
+        found.append(hypothesis._replace(statistic=ratio.statistic, change=change, std=std, distance=distance))
     return sorted(found, key=lambda item: -item.score)
 
 
@@ -169,6 +176,6 @@ class Causes(NamedTuple):
         return self.remaining_p_value < level
 
     def title(self, level: float) -> str:
-        """The likeliest change in words."""
-        best = self.ranking[0].title
+        """The likeliest change in words, and how far it is."""
+        best = f'{self.ranking[0].title} ({self.ranking[0].text})'
         return f'no single part explains it, the largest is: {best}' if self.is_open(level) else f'most likely {best}'

@@ -251,12 +251,14 @@ class Ratio(NamedTuple):
         freedoms: its degrees of freedom.
         change: estimate, in units of the scale, (k,).
         std: of the change, (k,); NaN where the touches do not determine it.
+        size_std: of the size of the change, along it.
     """
 
     statistic: float
     freedoms: int
     change: Floats
     std: Floats
+    size_std: float
 
 
 class Evidence(NamedTuple):
@@ -294,7 +296,8 @@ class Evidence(NamedTuple):
         root = vectors[:, kept] / np.sqrt(values[kept])
         change, std = root @ (root.T @ self.score[where]), np.linalg.norm(root, axis=1)
         std[np.linalg.norm(vectors[:, ~kept], axis=1) > std] = np.nan  # by its plausible size, one unit
-        return Ratio(float(self.score[where] @ change), int(kept.sum()), change, std)
+        size_std = float(np.linalg.norm(change @ root) / max(float(np.linalg.norm(change)), 1e-300))
+        return Ratio(float(self.score[where] @ change), int(kept.sum()), change, std, size_std)
 
 
 class PredictionTest(NamedTuple):

@@ -18,6 +18,7 @@ from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.result import UndetectedErrors
+from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
@@ -152,8 +153,11 @@ class CalibrationRecord:
         suspected = [*found.get('possible', ()), *chain(*found.get('rival_effects', ()))]
         labels = frozenset(f'{one["name"]}[{one["target"]}]' if one['target'] else one['name'] for one in suspected)
         now = known_or_infinite(stated['worst'], stated['undetermined'])
-        undetected = undetected_part({row['source']: row['contribution']['tip'] for row in self.document['budget']})
-        return Planner(replace(self.arm, cell=cell), now, touches, labels, undetected=undetected)
+        of_tip = {row['source']: row['contribution']['tip'] or 0.0 for row in self.document['budget']}
+        limit = title_of(max(of_tip, key=lambda label: of_tip[label]))
+        return Planner(
+            replace(self.arm, cell=cell), now, touches, labels, undetected=undetected_part(of_tip), limit=limit
+        )
 
     @property
     def created(self) -> str:

@@ -31,7 +31,8 @@ def causes_document(causes: Causes) -> Document:
         rows = zip(item.values, item.change, item.std, item.units, strict=True)
         changes = [dict(zip(('name', 'value', 'std', 'unit'), row, strict=True)) for row in rows]
         known = {key: getattr(item, key) for key in ('name', 'title', 'statistic', 'score')}
-        candidates.append({**known, 'change': changes})
+        distance = dict(zip(('value', 'std', 'unit'), (*item.distance, 'm'), strict=True)) if item.distance else None
+        candidates.append({**known, 'change': changes, 'distance': distance})
     best, remaining = (candidates[0], causes.remaining_p_value) if candidates else (None, None)
     return {'part': best, 'rivals': causes.rivals, 'remaining_p_value': remaining, 'candidates': candidates}
 

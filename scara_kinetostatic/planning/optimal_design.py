@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ from scara_kinetostatic.planning.candidate_touches import (
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import Prediction, Robot, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import Prediction, Robot, Statement, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 
 _USUAL = 36
@@ -127,6 +128,17 @@ class Design:
     def contributions(self) -> dict[str, float]:
         """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m."""
         return self.prediction.contributions(required(self.tip, self.requirements))
+
+    @cached_property
+    def statement(self) -> Statement:
+        """What a calibration with the recommended touches is expected to state."""
+        return Statement.of(self.robot, self.plan)
+
+    @cached_property
+    def many(self) -> tuple[int, Statement]:
+        """As `Statement.of_many`."""
+        every = candidate_plan(self.robot, self.requirements.levels, self.requirements.postures)
+        return Statement.of_many(self.robot, every, int(self.curve.touches[-1]))
 
 
 def required(tip: Floats, requirements: Requirements) -> Floats:

@@ -145,6 +145,7 @@ class Planner:
         given_up: places that are not to be touched: disc, direction from its centre, rad, and posture of each.
         undetected: the part of `now` that effects not detected or not decided contribute, m.
         sizes: of the undetected effects by label, in their typical size, as the mixed model has them.
+        limit: the largest part of `now`, in words.
     """
 
     arm: CalibratedArm
@@ -154,6 +155,7 @@ class Planner:
     given_up: tuple[tuple[int, float, int], ...] = ()
     undetected: float = 0.0
     sizes: Mapping[str, float] = field(default_factory=dict)
+    limit: str = 'not known'
 
     @classmethod
     def of_outcome(cls, outcome: Outcome, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
@@ -168,7 +170,8 @@ class Planner:
             for column, size in zip(final.random.columns, final.random.size, strict=True):
                 part, label = size / abs(column.effect.typical[column.parameter]), column.effect.label
                 sizes[label] = max(part, sizes.get(label, 0.0))
-        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up, undetected, sizes)
+        limit = max(outcome.budget, key=lambda item: np.nan_to_num(item.tip)).title
+        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up, undetected, sizes, limit)
 
     @cached_property
     def robot(self) -> Robot:

@@ -23,21 +23,25 @@ grid.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.calibration import least_squares
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.declared_errors import UNDETECTED, DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import group_names, scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
-from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid
+from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid, tip_uncertainty
+from scara_kinetostatic.calibration.uncertainty_budget import NOISE, uncertainty_budget
+from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
@@ -50,7 +54,7 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State, has_no_sure_sign
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame, simulate_touches
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,49 @@ class Prediction:
     def contributions(self, tip: Floats) -> dict[str, float]:
         """Those to the covariance."""
         return contributions(self.together, len(self.std), self.declared, tip)
+
+
+class Statement(NamedTuple):
+    """What a calibration is expected to state of the tip at the worst place of its workspace.
+
+    Attributes:
+        expanded: uncertainty (k = 2), m.
+        parts: standard uncertainty by each kind of source, in words, the largest first, m.
+    """
+
+    expanded: float
+    parts: dict[str, float]
+
+    @property
+    def largest(self) -> tuple[str, float]:
+        """The largest source, and its part of the variance, 0 to 1."""
+        source, part = next(iter(self.parts.items()))
+        return source, part**2 / sum(each**2 for each in self.parts.values())
+
+    @classmethod
+    def of(cls, robot: Robot, plan: Plan) -> Statement:
+        """With the touches of a plan, by the functions by which a calibration states it.
+
+        The touches are exact. The errors of the arm that are too small to be detected count, and those of objects of
+        which nothing is declared, with their typical sizes or those that the cell states.
+
+        Raises:
+            UnsupportedDataError: the touches do not allow a calibration.
+        """
+        cell = replace(robot.cell, noise=robot.noise)
+        before = calibrate(simulate_touches(cell, robot.parameters, plan, Noise(0.0, 0.0)), cell)
+        fit = fit_mixed(before, catalogue(cell), expected=True).fit
+        tip, squares = tip_uncertainty(fit), defaultdict[str, float](float)
+        for item in uncertainty_budget(fit, tip):
+            squares[item.title if item.kind in (NOISE, UNDETECTED) else item.kind.replace('_', ' ')] += item.tip**2
+        ordered = sorted(squares.items(), key=lambda pair: -pair[1])
+        return cls(tip.worst, {source: float(np.sqrt(square)) for source, square in ordered})
+
+    @classmethod
+    def of_many(cls, robot: Robot, every: Plan, number: int = 108) -> tuple[int, Statement]:
+        """How many touches, evenly distributed over all that can be made, are many, and what is expected with them."""
+        at = np.linspace(0, len(every) - 1, min(number, len(every))).round().astype(np.intp)
+        return len(at), cls.of(robot, every.select(at))
 
 
 class ExactTouches(NamedTuple):

@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design
-from scara_kinetostatic.planning.prediction import tip_std
+from scara_kinetostatic.planning.prediction import Statement, tip_std
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import MICRO, SERIES, WARN
@@ -29,6 +29,13 @@ _ABOUT_TOUCHES = (
     'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
     'it is not detected.'
 )
+_HELPS = {
+    'noise': 'repeat them',
+    'object': 'measure the objects better, and declare it (objects: uncertainty)',
+    'radius': 'measure the radii and that of the tip better, and declare it',
+    '': 'where more is known of it than a typical size, state it (uncertainty: effects)',
+}
+"""What reduces the part of a source, by a word of it."""
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
@@ -79,6 +86,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'least_possible': design.least_possible,
         },
         'recommended': _recommended(design),
+        'expected': {'recommended': design.statement, 'touches': design.many[0], 'of_these': design.many[1]},
         'by_number': design.curve,
     }
 
@@ -120,7 +128,8 @@ def noise_sentences(design: Design) -> list[str]:
             f'{" and ".join(robot.assumed)}. Calibrate once, and state the noise that it estimates.'
         ]
     if robot.declared is None:
-        sentences.append('Discs and force sensor count as exactly known: the cell declares no uncertainty of them.')
+        what = 'discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
+        sentences.append(f'For the accuracy, {what}')
     else:
         parts = sorted(design.contributions.items(), key=lambda item: -item[1])
         said = ', '.join(f'{kind} {um(value)} µm' for kind, value in parts if value >= 0.05 * parts[0][1])
@@ -129,6 +138,22 @@ def noise_sentences(design: Design) -> list[str]:
             f'{um(design.least_possible)} µm. At the worst place the recommended touches leave {said}.'
         )
     return sentences
+
+
+def statement_sentences(statement: Statement, more: tuple[int, Statement]) -> list[str]:
+    """What a calibration is expected to state, its largest sources, and whether more touches help; what helps else."""
+    um, whole = micrometres, statement.expanded
+    parts = ', '.join(f'{source} {um(2 * part)} µm' for source, part in [*statement.parts.items()][:3])
+    number, (least, _) = more
+    source, share = more[1].largest
+    helps = next(action for word, action in _HELPS.items() if word in source)
+    gain = 'More touches hardly help' if least > 0.9 * whole else 'More touches help'
+    rest = f'{100 * share:.0f} % of its variance is then from {source}: {helps}'
+    return [
+        f'A calibration with them is expected to state {um(whole)} µm (k = 2) at the worst place: errors too small '
+        f'to be detected count, with typical sizes where nothing is declared. The largest parts (k = 2): {parts}.',
+        f'{gain}: {number}, evenly distributed, would leave {um(least)} µm; {rest}.',
+    ]
 
 
 def set_sentences(design: Design) -> list[str]:
@@ -176,9 +201,10 @@ def design_report(design: Design) -> Report:
     return Report(
         title='Optimal design of a calibration',
         answer=Verdict(
-            f'{number} reach {accuracy} and check themselves',
-            'caution' if design.robot.assumed else 'good',
-            (*noise_sentences(design), *set_sentences(design)),
+            f'{number} reach {accuracy} by their noise; a calibration is expected to state '
+            f'{micrometres(design.statement.expanded)} µm (k = 2)',
+            'caution' if design.robot.assumed or design.statement.expanded > 2 * design.accuracy else 'good',
+            (*noise_sentences(design), *set_sentences(design), *statement_sentences(design.statement, design.many)),
         ),
         source=f'Required: standard deviation of the tip ({load}) at most {accuracy} over the workspace.',
         blocks=(

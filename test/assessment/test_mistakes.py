@@ -24,6 +24,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Sensor, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
@@ -75,10 +76,11 @@ OF_CELL = {
     'x has the wrong sign in the center of (disc_1|a)': first_disc(lambda d: d._replace(x=-d.x)),
     'y has the wrong sign in the centers of all discs': discs(lambda d: d._replace(y=-d.y)),
     'radius is the diameter of every disc': discs(lambda d: d._replace(radius=2 * d.radius - 0.01)),
-    'radius is the diameter of (disc_1|a)': first_disc(lambda d: d._replace(radius=2 * d.radius)),
+    'radius 0.(3|06) is the diameter of (disc_1|a)': first_disc(lambda d: d._replace(radius=2 * d.radius)),
     'the radii, or the centers, of (disc_1 and disc_2|a and b) are swapped': radii(1, 0, 2),
     'the forces are in the (base|tool) frame, not in the (tool|base) frame': other_frame,
 }
+IN_DEGREES = {('theta1',): 'theta1: 1', ('theta2',): 'theta2: -0.8', ('theta1', 'theta2'): 'theta1: 1 and theta2: -0.8'}
 OF_TOUCHES = {
     'the two joints are in the wrong order': (lambda q: q[:, ::-1], None),
     'joint 1 turns the other way': (lambda q: q * [-1, 1], None),
@@ -107,6 +109,27 @@ def test_a_mistake_of_the_cell_is_named(touches, robot, statement):
     assert mistake.in_cell
     with pytest.raises(CellError, match=statement):
         raise mistake.error('touches.csv')
+
+
+@pytest.mark.parametrize('names', IN_DEGREES)
+def test_angles_in_degrees_are_named_with_the_value_to_set(touches, names):
+    stated = {'theta1': 1.0, 'theta2': -0.8}
+    cell = replace(SHORT, nominal=SHORT.nominal.replace(**{name: stated[name] for name in names}))
+    mistake = find_mistake(touches['short'], cell)
+    assert (mistake.where, mistake.statement) == ('robot.nominal', f'{IN_DEGREES[names]}: in degrees, not in rad')
+    assert mistake.action == 'set ' + ' and '.join(f'{name}: {np.deg2rad(stated[name]):.6g}' for name in names)
+
+
+@pytest.mark.parametrize('name', ['a', 'b'])
+def test_a_diameter_beside_an_outline_is_named(name):
+    block = Outline('block', ((0.02, 0.28), (0.10, 0.28), (0.10, 0.32), (0.02, 0.32)), 0.001)
+    cell = replace(SHORT, discs=(*SHORT.discs[:2], block), tip_radius=0.005)
+    made = simulate_touches(cell, ROBOTS['short'][1], default_plan(cell, 5), seed=1)
+    right = {disc.name: disc.radius for disc in SHORT.discs}[name]
+    wrong = discs(lambda d: d._replace(radius=2 * d.radius) if d.name == name else d)(cell)
+    mistake = find_mistake(made, wrong)
+    assert mistake.statement == f'radius {2 * right:g} is the diameter of {name}'
+    assert mistake.action.startswith(f'set it to {right:g}')
 
 
 @alternating(OF_TOUCHES)

@@ -40,6 +40,9 @@ def test_the_document(folder):
     assert max(recommended['leverage']) == recommended['largest_leverage'] <= 0.8
     assert document['robot']['noise_assumed'] == ['joint', 'force']
     assert document['declared_uncertainties'] is None
+    expected = document['expected']
+    assert expected['recommended']['expanded'] > expected['of_these']['expanded'] > 0
+    assert expected['touches'] == 72
 
 
 def test_the_plan_is_one_for_simulate(folder, tmp_path, capsys):

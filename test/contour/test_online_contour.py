@@ -53,6 +53,13 @@ def check(outline: Outline, turns: float, error: float, rel: float = 0.01) -> No
     assert rms(normal_error(DISC, outline.points)) < error
 
 
+def test_forces_that_contradict_the_motion_are_said() -> None:
+    streams = slides((0.0, 0.3))
+    said = 'friction is not negative; check frame and sign of the force sensor'
+    assert said in fed(with_force(streams, -streams.wrench.force)).problem
+    assert not fed(streams).problem
+
+
 def test_round_an_object_in_several_passes() -> None:
     streams = slides((0.0, 0.4), (0.7, 0.35), (0.65, 1.05), outline=SQUARE)
     (joined,), (whole,) = fed(streams).outlines, trace_contour(streams, arm()).outlines

@@ -12,7 +12,7 @@ from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm, rested, since, slid
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.fits import fit_shape
 from scara_kinetostatic.contour.result import remarks_on
-from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.contour.trace import trace_contour, trace_signals
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
@@ -21,6 +21,7 @@ from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
+from scara_kinetostatic.touches.signals import as_signals
 
 DISC_CENTER = np.array([0.2, 0.3])
 NOISY = SensorModel(force_noise=1.0)
@@ -189,6 +190,52 @@ def test_a_turning_joint_under_a_noisy_sensor():
     contour = traced((0, 1.02), outline=SQUARE, force=3, friction=0.5, sensors=NOISY)
     error = normal_error(SQUARE, contour.surface) / contour.std_normal
     assert rms(error) < 1.3 and np.abs(error).max() < 6
+
+
+WRONG = {
+    'sign': ([[-1, 0], [0, -1]], 'with sensor.sign: on_robot they agree'),
+    'frame': (None, 'with sensor.frame: base they agree'),
+    'axes swapped': ([[0, 1], [1, 0]], 'check frame and sign'),
+    'sign of x': ([[-1, 0], [0, 1]], 'check frame and sign'),
+    'turned by 90°': ([[0, -1], [1, 0]], 'check frame and sign'),
+}
+
+
+@pytest.mark.parametrize('parts', [((0, 1),), ((0.4, 0.1),), ((0, 0.4), (0.4, 0))], ids=['round', 'part', 'back'])
+@pytest.mark.parametrize('friction', [0.0, 0.1])
+@pytest.mark.parametrize(('matrix', 'remedy'), WRONG.values(), ids=WRONG)
+def test_forces_that_contradict_the_motion(matrix, remedy, friction, parts):
+    streams = slides(*parts, friction=friction)
+    sensor = CELL.sensor if matrix else CELL.sensor._replace(frame=SensorFrame.TOOL)
+    wrong = with_force(streams, streams.wrench.force @ np.array(matrix).T) if matrix else streams
+    with pytest.raises(UnsupportedDataError, match=remedy):
+        trace_contour(wrong, arm(), sensor)
+
+
+def test_friction_is_not_negative():
+    """Also where no motion into contact shows the sign; 0 within its uncertainty is right."""
+    streams = slides((0, 0.3))
+    zero = streams.wrench.force[:100].mean(axis=0)
+    samples = as_signals(streams, CELL)
+    with_sign = [trace_signals(samples, '', arm(), CELL.sensor._replace(sign=sign), 0.005, zero) for sign in SensorSign]
+    middle = since(streams, streams.joints.stamp[len(streams.joints.stamp) // 2])
+    for sign, whole in zip(SensorSign, with_sign, strict=True):
+        sensor = CELL.sensor._replace(sign=sign)
+        later = trace_signals(as_signals(middle, CELL), '', arm(), sensor, 0.005, zero)
+        wrong = sign is SensorSign.ON_ROBOT
+        assert ('against the motion' in whole.contradiction) == wrong
+        assert ('friction would be -0.1' in later.contradiction) == wrong
+
+
+@pytest.mark.parametrize('friction', [0.0, 0.1, 0.8])
+@pytest.mark.parametrize('turned', [0.0, 0.03])
+def test_right_forces_contradict_nothing(friction, turned):
+    """In both directions, with a sensor that is turned a little."""
+    c, s = np.cos(turned), np.sin(turned)
+    for parts in (((0, 1.02),), ((0.9, 0.2),), ((0, 0.4), (0.4, 0))):
+        streams = slides(*parts, friction=friction, outline=SQUARE)
+        contour = trace_contour(with_force(streams, streams.wrench.force @ np.array([[c, s], [-s, c]])), arm())
+        assert not contour.contradiction
 
 
 def test_a_slide_whose_force_turns_is_left_out():

@@ -43,7 +43,7 @@ def test_evidence_is_that_of_the_joint_distribution() -> None:
     spread = np.eye(40) + rows @ covariance @ rows.T
     np.testing.assert_allclose(found.matrix, rows.T @ np.linalg.solve(spread, rows), atol=1e-9)
     np.testing.assert_allclose(found.score, rows.T @ np.linalg.solve(spread, residual - rows @ mean), atol=1e-9)
-    statistic, freedoms, change, std = found.ratio([1, 3])
+    statistic, freedoms, change, std, _ = found.ratio([1, 3])
     block = found.matrix[np.ix_([1, 3], [1, 3])]
     np.testing.assert_allclose(change, np.linalg.solve(block, found.score[[1, 3]]))
     np.testing.assert_allclose(statistic, found.score[[1, 3]] @ change)

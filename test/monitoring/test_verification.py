@@ -21,7 +21,8 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.report import as_page, plain
+from scara_kinetostatic.report import as_page, as_text, plain
+from scara_kinetostatic.report.quantities import shown
 from scara_kinetostatic.touches.detection import Detection
 
 
@@ -111,6 +112,20 @@ def test_what_is_said(record: CalibrationRecord, which: dict[str, Any], grade: G
         found.causes.remaining_p_value if found.causes.ranking else None
     )
     assert (found.causes.remaining_p_value < 1e-6) == (which.get('truth') is SEVERAL)
+
+
+def test_how_far_a_disc_has_moved(record: CalibrationRecord) -> None:
+    """In text, page and JSON, with its uncertainty."""
+    touches = touches_of(DECLARED, 1, effects=('object_position[disc_2]:x=2.4e-4,y=-1.8e-4',))
+    found = verify(Detection.of(touches), record)
+    part = plain(verification_document(found))['part']
+    assert part['name'] == 'object_position[disc_2]' and part['distance']['unit'] == 'm'
+    far, std = part['distance']['value'], part['distance']['std']
+    assert far == pytest.approx(3e-4, abs=4 * std) and 2e-6 < std < 3e-5
+    said = f'most likely disc_2 moved ({shown(far, std, "m").text}'
+    report = verification_report(found)
+    assert said in ' '.join(as_text(report).split()) and said in ' '.join(as_page(report).split())
+    assert f'{said}: x ' in found.assessment.reasons[0]
 
 
 @pytest.mark.parametrize('off', [3e-4, 1e-2])

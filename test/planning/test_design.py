@@ -7,18 +7,37 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmark.population import SIZES
+from benchmark.population import _values as errors_of
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
+from scara_kinetostatic.model.cell import (
+    PAPER_DISCS,
+    Cell,
+    EffectSizes,
+    Noise,
+    Plate,
+    Region,
+    Sensor,
+    SensorFrame,
+    SizeMode,
+    Uncertainty,
+)
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import DRAG
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import Robot, Statement, exact_plan, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.report import design_report
+from scara_kinetostatic.report import as_text
+from scara_kinetostatic.report.quantities import micrometres
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -85,6 +104,45 @@ def test_prediction_is_what_the_calibration_states(name, frame):
     parts = prediction.contributions(tip)
     assert np.linalg.norm([*parts.values()]) == pytest.approx(tip_std(tip, prediction).max())
     assert (parts['noise'] > 0) and (set(parts) == {'noise'}) == (name == 'exact')
+
+
+@pytest.fixture(scope='module')
+def stated():
+    return optimal_design(Robot.of(CELL))
+
+
+def test_the_statement_is_that_of_robots_with_every_small_error(stated):
+    """By the mixed model of the calibration, of robots with errors of typical sizes."""
+    known = [effect for effect in catalogue(CELL) if effect.label in SIZES or effect.name in SIZES]
+    found = []
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        sizes = [np.array(SIZES.get(effect.label, SIZES.get(effect.name))) for effect in known]
+        values = [errors_of(effect, size, random) for effect, size in zip(known, sizes, strict=True)]
+        robot = ExtendedModel(PAPER_ACTUAL, tuple(known), tuple(values))
+        made = simulate_touches(CELL, robot, stated.plan, seed=seed)
+        found.append(tip_uncertainty(fit_mixed(calibrate(made, CELL), catalogue(CELL)).fit).worst)
+    assert 0.8 < np.median(found) / stated.statement.expanded < 1.25
+    assert stated.statement.expanded > 5 * 2 * stated.tip_std
+
+
+def test_what_limits_is_said_and_what_helps(stated):
+    number, many = stated.many
+    assert number == 108 and many.expanded < stated.statement.expanded
+    for statement in (stated.statement, many):
+        parts = np.array([*statement.parts.values()])
+        assert np.hypot.reduce(parts) == pytest.approx(0.5 * statement.expanded, rel=1e-3)
+    said = ' '.join(as_text(design_report(stated)).split())
+    assert f'is expected to state {micrometres(stated.statement.expanded)} µm (k = 2)' in said
+    assert f'108, evenly distributed, would leave {micrometres(many.expanded)} µm' in said
+    assert 'from undetected object position: measure the objects better, and declare it' in said
+    known = replace(CELL, discs=tuple(d._replace(center_std=1e-6, radius_std=1e-6) for d in CELL.discs))
+    assert Statement.of(Robot.of(known), stated.plan).expanded < 0.9 * stated.statement.expanded
+    nothing = EffectSizes(SizeMode.NONE)
+    alone = Statement.of(Robot.of(replace(CELL, uncertainty=replace(CELL.uncertainty, effects=nothing))), stated.plan)
+    assert [*alone.parts] == ['noise of the touches']
+    # of one force, with both axes together in one and the worst direction in the other
+    assert 0.5 < alone.expanded / (2 * stated.tip_std) < 2.0
 
 
 def test_touches_count_and_check_each_other():

@@ -15,9 +15,16 @@ from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.touch import play_operator
 from scara_kinetostatic.report import as_page, as_text
 from scara_kinetostatic.studies.loops.laws import LOAD_LAWS
-from scara_kinetostatic.studies.loops.record import LOAD, Record, RecordPath, load_record, what_drives
+from scara_kinetostatic.studies.loops.record import LOAD, MOTION, Record, RecordPath, load_record, what_drives
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
-from scara_kinetostatic.studies.loops.selection import Selection, Study, p_independent, predict_records, select_model
+from scara_kinetostatic.studies.loops.selection import (
+    Selection,
+    Study,
+    analyse_both,
+    p_independent,
+    predict_records,
+    select_model,
+)
 
 STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
 """Load and state of friction at the start."""
@@ -279,3 +286,23 @@ def test_a_column_of_commands_says_what_drives(tmp_path: Path) -> None:
         path = tmp_path / f'{heading}.csv'
         path.write_text('\n'.join([f'time_s,angle_rad,torque_Nm,{heading}', *rows]), encoding='utf-8')
         assert what_drives([load_record(path)]) == driven
+
+
+def sine_slip(noise: float = 1e-6) -> Record:
+    """A joint with slip under a load that goes to and fro: 20 and 15 µrad/Nm, 1 Nm."""
+    time = np.arange(600) / 50.0
+    load = 10.0 * np.sin(2 * np.pi * 0.5 * time)
+    angle = 2e-5 * load + 1.5e-5 * play(load, 1.0)
+    random = np.random.default_rng(3).standard_normal((2, len(time)))
+    return Record('sine.csv', time, load + 0.02 * random[0], angle + noise * random[1])
+
+
+def test_both_are_tried_where_nothing_states_what_drives() -> None:
+    (found,), (other,) = analyse_both([sine_slip()], what_drives([sine_slip()]))
+    assert (found.study.driven_by, other.study.driven_by) == (LOAD, MOTION)
+    assert found.final_share < 0.3 * other.final_share
+    estimates = found.final.parameters
+    for name, truth in (('compliance', 2e-5), ('slip_compliance', 1.5e-5), ('slip_load', 1.0)):
+        assert estimates[name].value == pytest.approx(truth, rel=0.05)
+    said = as_text(hysteresis_report([found], other=[other]))
+    assert 'Nothing states what drives' in said

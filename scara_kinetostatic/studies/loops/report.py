@@ -97,8 +97,16 @@ def _held_out(selection: Selection) -> str:
     return 'Each record predicted from the others, after its unloading or, in loops, its first third'
 
 
-def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
-    """The report of records driven by their motion, one selection each, or of all that are driven by their load."""
+def hysteresis_report(
+    selections: Sequence[Selection], predicted: Sequence[Judged] = (), other: Sequence[Selection] = ()
+) -> Report:
+    """The report of records driven by their motion, one selection each, or of all that are driven by their load.
+
+    Args:
+        selections: as driven by what is stated, or errs less.
+        predicted: further records.
+        other: as driven by the other one, where nothing states what drives.
+    """
     study, verdicts = selections[0].study, [verdict(each) for each in selections]
     answer, blocks = verdicts[0], _blocks(selections[0], 'record0')
     if len(selections) > 1:
@@ -117,6 +125,10 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
         blocks += (Section('Further records, predicted', (note, *found)),)
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
+    if other:
+        one, two = (f'{100 * max(each.final_share for each in some):.2g} %' for some in (selections, other))
+        what += f' Nothing states what drives; held out, the law errs by {one} of the range, {two} as driven by their '
+        what += f'{other[0].study.driven_by} (--driven decides).'
     records = [record for each in selections for record in each.study.records]
     size = f'{count(len(records), "record")}, {count(sum(map(len, records)), "sample")}'
     return Report(

@@ -585,6 +585,11 @@ class Selection(NamedTuple):
         paths = self.study.paths
         return self.before.held_out_rms / max(float(np.ptp(each.driven)) for each in paths)
 
+    @property
+    def final_share(self) -> float:
+        """The same of the law stated."""
+        return self.share_of_range * self.final.held_out_rms / self.before.held_out_rms
+
     def is_clearly_smaller(self, candidate: Candidate) -> bool:
         """Whether its held-out error is clearly below that of law (6): below 80 % of it."""
         return candidate.held_out_rms < 0.8 * self.before.held_out_rms
@@ -612,6 +617,26 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
     selection = select_model(study)
     study.check_one_joint(selection.final)
     return (selection,)
+
+
+def analyse_both(records: Sequence[Record], looks: str) -> tuple[tuple[Selection, ...], tuple[Selection, ...]]:
+    """Records of which nothing states what drives them, as driven by that by which the law errs less on what it has not
+    seen (`Selection.final_share`), and by the other; nothing for that where they cannot be driven by it.
+
+    Args:
+        records: of one joint.
+        looks: what they look driven by.
+
+    Raises:
+        RecordingError, UnsupportedDataError: as `analyse`, by what they look driven by.
+    """
+    found = analyse(records, looks)
+    try:
+        other = analyse(records, LOAD if looks == MOTION else MOTION)
+    except (RecordingError, UnsupportedDataError):
+        return found, ()
+    better, worse = sorted((found, other), key=lambda some: max(each.final_share for each in some))
+    return better, worse
 
 
 def select_model(study: Study) -> Selection:
