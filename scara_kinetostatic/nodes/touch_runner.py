@@ -271,11 +271,12 @@ class TouchRunner(RecordingNode):
             raise RefusedError('the former run is being calibrated; call again when that is done')
         if problem := self._absence():
             raise RefusedError(problem)
-        if self._zero_client is not None:
+        if self._runner.end is not None:
+            former, self._runner = self._runner, self._new_runner()
+            self._runner.take_over(former)
+        if self._zero_client is not None and not self._runner.is_in_contact:
             self._zero = self._zero_client.call_async(Trigger.Request())
             self._waits_until = monotonic_ns() + int(_WAIT * NANOSECONDS)
-        if self._runner.end is not None:
-            self._runner = self._new_runner()
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._session = Session(self._output, self._cell, self.now(), self._streams)
         self._autostart, self._is_running, self._result = False, True, ''
