@@ -470,6 +470,8 @@ _READERS: dict[str, dict[str, Reader]] = {
         'rotation': Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad'),
         'axes': _sensor_axes,
         'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
+        'base_frame': Section.word,
+        'tool_frame': Section.word,
     },
     'outline': {'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},
     'touch': {
