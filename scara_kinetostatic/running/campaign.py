@@ -292,16 +292,17 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
         The beginning, one or two places, and an empty text; or None, and why there is none.
     """
     space, cell, parameters = planner.space, planner.arm.cell, planner.arm.model.parameters
-    begin = np.clip(joints, *(space.limits + [[1e-9], [-1e-9]]))
+    low, high = space.limits
+    begin = np.clip(joints, low + 1e-9, high - 1e-9)
     if (off := np.abs(begin - joints) > LIMIT_MARGIN + 1e-9).any():
         name = cell.joint_names[int(off.argmax())]
         return None, f'{name} stands beyond robot.limits, or more than half a turn from their middle: move it'
     tip, own = forward(parameters, begin)[None], posture(parameters, begin[None])
     ray, (inner, outer) = tip - (parameters.x0, parameters.y0), reach(parameters)
     radius = max(float(np.hypot(*ray[0])), 1e-9)
-    bent = tip + (np.clip(radius, inner + 1e-6, outer - 1e-6) / radius - 1) * ray
+    place = tip + (np.clip(radius, inner + 1e-6, outer - 1e-6) / radius - 1) * ray
     part, raised = np.linspace(0.0, 1.0, 21)[:, None], cell.lift is not None
-    for here in [Poses(bent, side) for side in (own, -own)][: 2 if radius > outer else 1]:
+    for here in [Poses(place, side) for side in (own, -own)][: 2 if radius > outer else 1]:
         path = forward(parameters, joints + part * (space.joints(here)[0] - joints))
         near = space.edges.distance(path, path)
         away = (near >= np.clip(near[0], 0.0, space.clearance) - 1e-9).all() and not space.is_inside(path).any()
@@ -315,12 +316,11 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
     k = int(np.argmin(near[-1]))
     if raised or near[-1, k] >= space.clearance:
         return here, ''
-    beside = bent + 1e-6 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    beside = place + 1e-6 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     slopes = space.edges.distance(beside, beside)[:, k]
-    out = bent + (space.clearance + 1e-3 - near[-1, k]) * (slopes[:2] - slopes[2:]) / 2e-6
-    if not space.may_move(here, out)[0]:
-        return here, ''
-    return Poses(np.concatenate([bent, out]), np.concatenate([here.posture] * 2)), ''
+    out = place + (space.clearance + 1e-3 - near[-1, k]) * (slopes[:2] - slopes[2:]) / 2e-6
+    both = Poses(np.concatenate([place, out]), np.concatenate([here.posture] * 2))
+    return both if space.may_move(here, out)[0] else here, ''
 
 
 def calibrated(

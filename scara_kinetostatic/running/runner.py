@@ -167,6 +167,10 @@ class Runner:
         """Stands still as soon as the touch that is being made has ended; `start` goes on."""
         self._paused = True
 
+    def obstacle(self) -> str:
+        """Why the robot may not obey now; empty where nothing is known against it."""
+        return self.status.text if self.status.phase == 'waiting' else self.senses.problem(self._now)
+
     def stop(self, reason: str) -> None:
         """Retracts and holds, for good."""
         if self.end is None:
@@ -830,10 +834,14 @@ class Runner:
 
     def _retract(self, *, may_retract: bool) -> Iterator[None]:
         """Stands, then goes back along the way it came: to the beginning of an approach, else a little."""
-        self._command, motion = self._stand(), self._motion
+        self._command, motion, began = self._stand(), self._motion, self._now
         yield
         if motion is None or not may_retract:
             return
+        while (
+            not self.senses.knows_joints(self._now, SILENT) and self._now - began < 1.0
+        ):  # it may be a moment's silence
+            yield
         off_track = _OFF_APPROACH if self._contact else _OFF_TRACK
         at = min(motion.at, self._on_way(motion, off_track))
         motion = self._motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)

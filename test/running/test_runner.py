@@ -518,10 +518,10 @@ def test_from_every_place_of_a_way_another_one_leads_on(cell):
     one, found, changes = rehearsal(cell), list[tuple[Track, Any]](), False
     while not changes:  # of the elbow
         one.step()
-        if one.runner.status.phase == 'travel' and (motion := one.runner._motion) is not None:
-            if not found or found[-1][0] is not motion.track:
-                found.append((motion.track, one.runner.target))
-                changes = bool(np.ptp(np.sign(motion.track.places[:, 1])))
+        track = None if one.runner._motion is None else one.runner._motion.track
+        if one.runner.status.phase == 'travel' and track is not None and all(each is not track for each, _ in found):
+            found.append((track, one.runner.target))
+            changes = bool(np.ptp(np.sign(track.places[:, 1])))
     planner, rng = nominal_planner(cell), np.random.default_rng(3)
     stretched = 0
     for track, target in found[-3:]:
@@ -546,8 +546,9 @@ def test_between_two_objects_the_tip_comes_no_nearer_to_either():
     tip = np.array([[2e-4, 0.4]])
     start, problem = clear_start(narrow, narrow.space.joints(Poses(tip, np.array([1])))[0])
     assert (problem, len(start.tip)) == ('', 1)
-    along, across = (narrow.space.is_clear(tip, tip + step, leaves=True)[0] for step in ([0, 0.1], [1e-3, 0]))
-    assert along and not across and not narrow.space.is_clear(tip, tip + [0, 0.1])[0]
+    along, across = np.array([0.0, 0.1]), np.array([1e-3, 0.0])
+    leaves = [narrow.space.is_clear(tip, tip + step, leaves=True)[0] for step in (along, across)]
+    assert leaves == [True, False] and not narrow.space.is_clear(tip, tip + along)[0]
 
 
 @pytest.mark.parametrize('lift', [None, LIFT], ids=['round', 'over'])
