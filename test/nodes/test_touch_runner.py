@@ -382,7 +382,7 @@ def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(standing):
 
 
 @pytest.mark.parametrize(
-    ('hears', 'says'), [(False, 'is silent'), (True, 'it does not follow')], ids=['nothing comes', 'sensors go on']
+    ('hears', 'says'), [(False, 'is silent'), (True, '(in travel)')], ids=['nothing comes', 'sensors go on']
 )
 def test_where_the_clock_stands_steady_time_goes_on(standing, hears, says):
     b = standing()
