@@ -78,7 +78,7 @@ def test_live_touches_are_those_of_the_recording(late, collector):
             for transform in transforms(0):
                 tree.frame.note(transform.payload)
         stream = Stream.JOINTS if item.topic == '/joint_states' else Stream.WRENCH
-        collector._record(stream, item.payload, item.log_time, tree.sample(stream, item.payload))
+        collector._record(stream, item.payload, item.log_time, tree.samples(stream, item.payload))
         if number % 2000 == 0:
             collector._poll()
     assert collector._stop() == f'12 touches (0 more rejected) in {session.folder}'
