@@ -477,6 +477,8 @@ _READERS: dict[str, dict[str, Reader]] = {
         'axes': _sensor_axes,
         'tool_weight': Within(-50.0, 50.0, 'it is in kg: 0.15 for 150 g', unit='kg'),
         'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
+        'base_frame': Section.word,
+        'tool_frame': Section.word,
     },
     'outline': {'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},
     'touch': {

@@ -442,6 +442,8 @@ class Sensor(NamedTuple):
             across the plane; None where it is.
         tool_weight: mass of a tool that the sensor carries and does not know, kg; None where it is to be found.
         zero_service: name of a Trigger service that sets the force to zero; empty: there is none.
+        base_frame: name of the base's frame in ROS; empty: a usual one, or that of `robot.plane`.
+        tool_frame: name of the frame that is carried by link 2, its x axis along it; empty: a usual one.
     """
 
     joint_states: str = '/joint_states'
@@ -453,6 +455,8 @@ class Sensor(NamedTuple):
     axes: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     tool_weight: float | None = None
     zero_service: str = ''
+    base_frame: str = ''
+    tool_frame: str = ''
 
     @property
     def topics(self) -> tuple[str, str]:
@@ -704,7 +708,7 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts = [] if robots[0] == robots[1] else ['robot']
     discs, others = ({disc.name: disc for disc in cell.discs} for cell in (one, other))
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
-    sensors = [(cell.sensor.topics, cell.sensor[2:-1]) for cell in (one, other)]  # relative or in the root namespace
+    sensors = [(cell.sensor.topics, cell.sensor[2:-3]) for cell in (one, other)]  # relative or in the root namespace
     parts += ['sensor'] if sensors[0] != sensors[1] else []
     for name in ('noise', 'gripper_sign', 'plates', 'uncertainty', 'tolerance', 'region'):
         if getattr(one, name) != getattr(other, name):

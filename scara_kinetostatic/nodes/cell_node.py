@@ -385,7 +385,7 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
             problem = 'is unfit for use'
             raise ParameterError('the calibration', problem, 'take_unfit:=true takes it all the same')
         own, other = self.cell, arm.cell
-        robots = [(c.joint_names, c.coupling, c.direction, c.plane, c.sensor[2:-1]) for c in (own, other)]
+        robots = [(c.joint_names, c.coupling, c.direction, c.plane, c.sensor[2:-3]) for c in (own, other)]
         if robots[0] != robots[1]:
             joints = f'{" ".join(other.joint_names)} (coupling {other.coupling:g}, direction {list(other.direction)})'
             problem = f'is of another robot: joints {joints}, sensor {other.sensor.frame.value}'

@@ -23,6 +23,7 @@ from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -232,7 +233,7 @@ class FrameCheck:
     def __init__(self, node: Node, cell: Cell, changed: Callable[[bytes, bool], None]) -> None:
         self.last = b''
         self._logger, self._stated, self._changed = node.get_logger(), cell.sensor.frame, changed
-        self._frame = WrenchFrame(cell)
+        self._frame = WrenchFrame(cell, node.get_parameter_or('frame_prefix', Parameter('')).value or '')
         self._known: dict[tuple[str, ...], bytes] = {}
         self._turned: tuple[str, list[list[float]] | None] | None = None
         if TFMessage is None:

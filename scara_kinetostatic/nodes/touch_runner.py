@@ -14,17 +14,19 @@ where the tolerance is reached or touches are not the limit, 1 where it gave up,
 What may pass by itself, as a controller that is not active or a sensor that is silent, is waited for in each touch, for
 `patience` at most. Before the run the sensor is set to zero by `sensor.zero_service`, where the cell names one.
 
-With `use_sim_time` all times are those of `/clock`.
+With `use_sim_time`, which cannot be changed while it runs, all times are those of `/clock`; where that stands for 1 s,
+steady time goes on, so that silent sensors are noticed, and a stop acts.
 
 The controller is commanded as `joint_trajectory_controller` of ros2_control has it: every command replaces the one
 before, which then ends as aborted; a goal that is not for an active controller, or not of its joints, is rejected.
+Where it answers for its parameters, it is said which ones are to be set.
 """
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -39,8 +41,10 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future as RclpyFuture
 from std_srvs.srv import Trigger
@@ -68,12 +72,19 @@ from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 from scara_kinetostatic.touches.detection import Detection, no_touches
 
+_PARAMETERS = (
+    *('interpolate_from_desired_state', 'open_loop_control'),  # the former name of it
+    *('interpolation_method', 'constraints.goal_time', 'joints', 'allow_partial_joints_goal'),
+)
+"""Of `joint_trajectory_controller`, which matter to the runner."""
+
 
 class Controller:
     """Commands the robot, and hears how that ends.
 
     Args:
         node: that commands.
+        joints: that commands name.
         action: of the server; empty for messages on `joint_trajectory`.
         failed: called where a command failed, with the reason, one sentence, and whether it may pass by itself.
 
@@ -84,7 +95,7 @@ class Controller:
         ImportError: of `control_msgs`.
     """
 
-    def __init__(self, node: Node, action: str, failed: Callable[[str, bool], None]) -> None:
+    def __init__(self, node: Node, joints: Sequence[str], action: str, failed: Callable[[str, bool], None]) -> None:
         self._node, self._failed = node, failed
         self._publisher = node.create_publisher(JointTrajectory, 'joint_trajectory', 10)
         self._client: ActionClient | None = None
@@ -92,8 +103,10 @@ class Controller:
         if action:
             self._kind = follow_joint_trajectory()
             self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
-        self.is_action, self._number = bool(action), 0
+        self.is_action, self._number, self._joints, self._is_asked = bool(action), 0, joints, False
+        self._found = dict[str, Any]()
         own = f'{self._name}'.rpartition('/')[0]
+        self._parameters = node.create_client(GetParameters, f'{own}/get_parameters') if own else None
         self._topic = f'{own}/joint_trajectory' if action else self._name
         self._foreign, self._goals = '', f'{own}/follow_joint_trajectory'
         if not action:
@@ -115,6 +128,35 @@ class Controller:
         if others or len(found) > 1:
             return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
         return self._foreign if self._node.count_publishers(f'{self._goals}/_action/status') else ''
+
+    def ask(self) -> None:
+        """Asks for its parameters, once whenever it comes; one by one, as it answers nothing where it lacks one."""
+        client = self._parameters
+        if client is None or self._is_asked == client.service_is_ready():
+            return
+        self._is_asked = not self._is_asked
+        for name in _PARAMETERS if self._is_asked else ():
+            answer = client.call_async(GetParameters.Request(names=[name]))
+            answer.add_done_callback(partial(self._take_parameter, name))
+
+    def _take_parameter(self, name: str, future: RclpyFuture) -> None:
+        values = [] if future.exception() is not None else future.result().values
+        self._found[name] = parameter_value_to_python(values[0]) if values else None
+
+    def advice(self) -> str:
+        """What to set in it, one sentence; empty where all is well, or its parameters are not known."""
+        found, wrong = self._found, list[str]()
+        begins = [name for name in _PARAMETERS[:2] if found.get(name) is not None]
+        if begins and not any(map(found.get, begins)):
+            wrong.append(f'{begins[0]}: true: else each command begins at the measured joints, and lags in contact')
+        if found.get('interpolation_method') == 'none':
+            wrong.append('interpolation_method: splines: else it steps at the end of each point')
+        if found.get('constraints.goal_time'):
+            wrong.append('constraints.goal_time: 0.0: else it aborts what comes late')
+        others = [joint for joint in found.get('joints') or () if joint not in self._joints]
+        if others and not found.get('allow_partial_joints_goal'):
+            wrong.append(f'allow_partial_joints_goal: true: else name {", ".join(others)} in robot.hold')
+        return f'{self._topic.rpartition("/")[0]}: set {"; ".join(wrong)}' if wrong else ''
 
     def send(self, command: Command) -> None:
         """Sends a command, which replaces the former."""
@@ -162,6 +204,8 @@ class Controller:
 
 RESULT = 'calibration'
 """Folder of the result, in `output`."""
+_CLOCK_STANDS = NANOSECONDS
+"""So long `/clock` may stand while this node listens, ns."""
 _WAIT = 10.0
 """With `autostart`, how long somebody may take to hear `joint_trajectory`, s; and the zero of the sensor."""
 
@@ -202,8 +246,10 @@ class TouchRunner(RecordingNode):
         self._process: CalibrationProcess | None = None
         self._result = ''
         self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * NANOSECONDS)
+        self._simulated = self._looked = self._stood = self._ahead = 0
         self._said: tuple[str, str] = ('', '')
-        self._controller = Controller(self, self.value('action'), self._take_failure)
+        joints = (*self._cell.joint_names, *self._cell.other_joints)
+        self._controller = Controller(self, joints, self.value('action'), self._take_failure)
         self._runner = self._new_runner()
         zero = self._cell.sensor.zero_service
         self._zero_client = self.create_client(Trigger, zero) if zero else None
@@ -226,7 +272,6 @@ class TouchRunner(RecordingNode):
         """Lets the robot stand, completes the recording, ends a calibration."""
         if self._is_running:
             self._runner.fail('the node was ended', may_retract=False)
-            self._ticked = -NANOSECONDS  # at once, even where /clock stands
             self._tick()
             self._end_recording()
             self._publish_state()
@@ -242,6 +287,11 @@ class TouchRunner(RecordingNode):
         check_same_arm(record.arm.cell, self._cell, str(path), 'the cell')
         stated = record.document['tip_uncertainty']
         return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
+
+    def _check(self, name: str, value: Any) -> None:
+        if name == 'use_sim_time' and self._is_running and value != self.get_clock().ros_time_is_active:
+            raise RefusedError('the robot is moved by this clock: call ~/stop first')
+        super()._check(name, value)
 
     def _take_failure(self, reason: str, passes: bool) -> None:
         if self._is_running:
@@ -271,17 +321,18 @@ class TouchRunner(RecordingNode):
             raise RefusedError('the former run is being calibrated; call again when that is done')
         if problem := self._absence():
             raise RefusedError(problem)
-        if self._zero_client is not None:
+        if self._runner.end is not None:
+            former, self._runner = self._runner, self._new_runner()
+            self._runner.take_over(former)
+        if self._zero_client is not None and not self._runner.is_in_contact:
             self._zero = self._zero_client.call_async(Trigger.Request())
             self._waits_until = monotonic_ns() + int(_WAIT * NANOSECONDS)
-        if self._runner.end is not None:
-            self._runner = self._new_runner()
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._session = Session(self._output, self._cell, self.now(), self._streams)
         self._autostart, self._is_running, self._result = False, True, ''
         self._runner.start()
         self._publish_state()
-        return f'running; recording to {self._session.folder}'
+        return '; '.join(filter(None, (f'running; recording to {self._session.folder}', self._controller.advice())))
 
     def _pause(self) -> str:
         self._check_running()
@@ -290,7 +341,10 @@ class TouchRunner(RecordingNode):
 
     def _stop(self) -> str:
         self._check_running()
+        obstacle = self._runner.obstacle() or self._controller.absence()
         self._runner.stop('stopped by ~/stop')
+        if obstacle:
+            raise RefusedError(f'the run has ended, but the tip may not be retracted: {obstacle}')
         return 'stopped: the tip is retracted, then the robot holds'
 
     def _check_running(self) -> None:
@@ -299,6 +353,8 @@ class TouchRunner(RecordingNode):
 
     def _absence(self) -> str:
         """What is missing or wrong before a run; empty where nothing is."""
+        if self.get_clock().ros_time_is_active and not self.now():
+            return 'use_sim_time is true, but nothing comes on /clock: publish it, or set use_sim_time to false'
         zero = self._zero_client
         missing = '' if zero is None or zero.service_is_ready() else f'nobody serves {zero.srv_name}'
         return self._controller.absence() or self._hearing() or (missing and f'{missing} (sensor.zero_service)')
@@ -307,8 +363,9 @@ class TouchRunner(RecordingNode):
         """Why another robot may be moved, or this one by somebody else as well; empty where all is well."""
         if problem := self._controller.problem():
             return problem
-        unnamed = self._streams.is_taken_for_the_example
-        return 'the parameter cell is empty: name the cell description of this robot' if unnamed else ''
+        if self._streams.is_taken_for_the_example:
+            return 'the parameter cell is empty: name the cell description of this robot'
+        return self._streams.frame.complaint()
 
     def _is_zeroed(self) -> bool:
         """Whether the sensor has been set to zero, where that is to be; a service that fails ends the run."""
@@ -326,8 +383,19 @@ class TouchRunner(RecordingNode):
     # Samples and commands
 
     def _time(self) -> int:
-        """Of the run, ns: steady, or that of the simulation."""
-        return self.now() if self.get_clock().ros_time_is_active else monotonic_ns()
+        """Of the run, ns: steady, or that of the simulation; steady again where `/clock` stands."""
+        steady = monotonic_ns()
+        if not self.get_clock().ros_time_is_active:
+            return steady
+        listened, self._looked = min(steady - self._looked, NANOSECONDS // 20), steady
+        over = max(0, self._stood - _CLOCK_STANDS)
+        if (simulated := self.now()) == self._simulated:
+            self._stood += listened
+            return simulated + self._ahead + over
+        if over:
+            self._runner.senses.forget_delays()
+        self._simulated, self._stood, self._ahead = simulated, 0, self._ahead + over
+        return simulated + self._ahead
 
     def _take(self, stream: Stream, message: bytes, received: int, samples: list[Sample]) -> None:
         self._record(stream, message, received, samples)
@@ -341,7 +409,8 @@ class TouchRunner(RecordingNode):
                 senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], lift)
             else:
                 senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
-                self._tick()
+                if not 0 <= self._time() - self._ticked < 2_000_000:
+                    self._tick()
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         if self._session is not None:
@@ -363,10 +432,9 @@ class TouchRunner(RecordingNode):
         self._runner.fail(f'the recording failed: {reason}')
 
     def _tick(self) -> None:
-        now = self._time()
-        if not self._is_running or (now - self._ticked < 2_000_000 and now >= self._ticked) or not self._is_zeroed():
+        if not self._is_running or not self._is_zeroed():
             return
-        self._ticked = now
+        now = self._ticked = self._time()
         if (command := self._runner.tick(1e-9 * now)) is not None:
             self._controller.send(command)
             self._runner.note(1e-9 * self._time())
@@ -388,6 +456,7 @@ class TouchRunner(RecordingNode):
                 self._runner.fail(absence, passes=True)
             elif problem := self._hearing():
                 self._runner.fail(problem, may_retract=False)
+        self._controller.ask()
         if self._autostart:
             self._begin_by_itself()
         ended = None if self._process is None else self._process.poll()
@@ -467,6 +536,7 @@ class TouchRunner(RecordingNode):
 
     def _report(self) -> Condition:
         complaints, values = self._streams.examine(expected=self._is_running)
+        complaints.append(self._controller.advice())
         status = self._runner.status
         text = '; '.join(filter(None, (status.text, self._result, *dict.fromkeys(complaints))))
         level = max(self._level(status), WARN if any(complaints) else OK)

@@ -188,7 +188,9 @@ class Space:
             return discs[owners[0]].name
         return 'an obstacle' if len(near) or self.is_inside(at)[0] else ''
 
-    def is_clear(self, a: Floats, b: Floats, *, raised: bool = False, but: Indices | None = None) -> Mask:
+    def is_clear(
+        self, a: Floats, b: Floats, *, raised: bool = False, but: Indices | None = None, leaves: bool = False
+    ) -> Mask:
         """Whether the tip keeps clear of everything on straight moves from a to b, (n, 2), m.
 
         Args:
@@ -196,6 +198,7 @@ class Space:
             b: where they end.
             raised: whether the tip is over all objects.
             but: numbers of the discs that may be touched, (n,); None for none.
+            leaves: whether it may begin nearer to an object than the clearance: there it comes no nearer.
         """
         base = self._base.begin
         clear = (self._base.distance(a, b) >= 0).all(axis=1)
@@ -205,8 +208,9 @@ class Space:
         distance = self.edges.distance(a, b)
         if but is not None:
             distance[self.edges.owner == but[:, None]] = np.inf
+        kept = np.minimum(self.clearance, self.edges.distance(a, a) - 1e-9) if leaves else self.clearance
         inside_any = self.is_inside(a, but) | self.is_inside(b, but)
-        return np.asarray(clear & (distance >= self.clearance).all(axis=1) & ~inside_any)
+        return np.asarray(clear & (distance >= kept).all(axis=1) & ~inside_any)
 
     def keeps_limits(self, a: Poses, b: Floats) -> Mask:
         """Whether both joints keep their limits, in one turn, on straight moves to places b, (n,)."""
@@ -221,7 +225,7 @@ class Space:
 
     def may_move(self, a: Poses, b: Floats) -> Mask:
         """Whether the tip may travel straight to places b, (n,), with the lift where there is one."""
-        allowed = self.is_clear(a.tip, b, raised=self.cell.lift is not None)
+        allowed = self.is_clear(a.tip, b, raised=self.cell.lift is not None, leaves=True)
         some = np.flatnonzero(allowed)
         allowed[some] = self.keeps_limits(a.select(some), b[some])
         return allowed

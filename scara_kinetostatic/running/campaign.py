@@ -25,7 +25,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.planner import PlannedTouches, Planner
-from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, Plan, reach
 from scara_kinetostatic.touches.detection import Detection
 
 FIRST = 9
@@ -279,34 +279,48 @@ class Campaign:
 
 
 def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
-    """Where the tip stands and, where that is too near to an object, a place clear of it: the beginning of a way.
+    """Where a way begins from where the robot stands: its first place is reached with both joints in proportion.
+
+    Where a run has brought it, it can go on: from the edge of the limits, from the stretched arm, as on the way to the
+    other elbow, and from the folded one; from an object that is nearer than the clearance the tip is moved away first.
 
     Args:
         planner: with the objects.
         joints: where the robot stands, (2,), rad.
+
+    Returns:
+        The beginning, one or two places, and an empty text; or None, and why there is none.
     """
     space, cell, parameters = planner.space, planner.arm.cell, planner.arm.model.parameters
-    here = Poses(forward(parameters, joints)[None], posture(parameters, joints[None]))
-    raised = cell.lift is not None
-    if not (within := space.is_within(joints)).all():
-        name = cell.joint_names[int(within.argmin())]
-        where = 'beyond robot.limits, less than 0.02 rad within, or more than half a turn from their middle'
-        return None, f'{name} stands {where}: move it'
-    if space.is_clear(here.tip, here.tip, raised=raised)[0]:
-        return here, ''
-    k = int(np.argmin(cell.surfaces.distances(here.tip)[0]))
-    disc, surface = int(cell.surfaces.object[k]), cell.surfaces.select(np.array([k]))
-    beyond, normal = float(surface.gaps(here.tip)[0, 0]), surface.normals[0]
-    if not surface.is_edge[0]:
-        ray = np.sign(surface.radii[0]) * (here.tip[0] - surface.centers[0])
-        normal = ray / np.hypot(*ray)
-    out = Poses(here.tip + (space.clearance + 1e-3 - beyond) * normal, here.posture)
-    nearest = f'{1e3 * beyond:.0f} mm from {cell.discs[disc].name}'
-    moves = space.is_clear(here.tip, out.tip, but=np.array([disc]))[0] and space.keeps_limits(here, out.tip)[0]
-    is_outside = beyond >= 0 and not space.is_inside(here.tip)[0]
-    if not (is_outside and moves and space.is_clear(out.tip, out.tip)[0]):
+    low, high = space.limits
+    begin = np.clip(joints, low + 1e-9, high - 1e-9)
+    if (off := np.abs(begin - joints) > LIMIT_MARGIN + 1e-9).any():
+        name = cell.joint_names[int(off.argmax())]
+        return None, f'{name} stands beyond robot.limits, or more than half a turn from their middle: move it'
+    tip, own = forward(parameters, begin)[None], posture(parameters, begin[None])
+    ray, (inner, outer) = tip - (parameters.x0, parameters.y0), reach(parameters)
+    radius = max(float(np.hypot(*ray[0])), 1e-9)
+    place = tip + (np.clip(radius, inner + 1e-6, outer - 1e-6) / radius - 1) * ray
+    part, raised = np.linspace(0.0, 1.0, 21)[:, None], cell.lift is not None
+    for here in [Poses(place, side) for side in (own, -own)][: 2 if radius > outer else 1]:
+        path = forward(parameters, joints + part * (space.joints(here)[0] - joints))
+        near = space.edges.distance(path, path)
+        away = (near >= np.clip(near[0], 0.0, space.clearance) - 1e-9).all() and not space.is_inside(path).any()
+        if not space.beyond_limits(here).any() and (raised or away):
+            break
+    else:
+        k = int(np.argmin(near[0]))
+        owner = int(space.edges.owner[k])
+        nearest = f'{1e3 * near[0, k]:.0f} mm from {"an obstacle" if owner < 0 else cell.discs[owner].name}'
         return None, f'the tip stands too near to an object or the end of its reach ({nearest}): move it away'
-    return Poses(np.concatenate([here.tip, out.tip]), np.concatenate([here.posture] * 2)), ''
+    k = int(np.argmin(near[-1]))
+    if raised or near[-1, k] >= space.clearance:
+        return here, ''
+    beside = place + 1e-6 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    slopes = space.edges.distance(beside, beside)[:, k]
+    out = place + (space.clearance + 1e-3 - near[-1, k]) * (slopes[:2] - slopes[2:]) / 2e-6
+    both = Poses(np.concatenate([place, out]), np.concatenate([here.posture] * 2))
+    return both if space.may_move(here, out)[0] else here, ''
 
 
 def calibrated(

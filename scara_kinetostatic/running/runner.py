@@ -151,6 +151,12 @@ class Runner:
 
     # From outside
 
+    def take_over(self, former: Runner) -> None:
+        """Begins by retracting the touch in which a former run has left the robot, where it still stands there."""
+        if former.is_in_contact:
+            self.senses, self._commander, self.target = former.senses, former._commander, former.target
+            self._motion, self._contact, self._surface = former._motion, True, former._surface
+
     def start(self) -> None:
         """Begins, or goes on after a pause."""
         self._paused = False
@@ -160,6 +166,10 @@ class Runner:
     def pause(self) -> None:
         """Stands still as soon as the touch that is being made has ended; `start` goes on."""
         self._paused = True
+
+    def obstacle(self) -> str:
+        """Why the robot may not obey now; empty where nothing is known against it."""
+        return self.status.text if self.status.phase == 'waiting' else self.senses.problem(self._now)
 
     def stop(self, reason: str) -> None:
         """Retracts and holds, for good."""
@@ -177,6 +187,11 @@ class Runner:
         if self.end is not None and self.end.is_reached:
             self.end = End(1, reason)
             self.status = self.status._replace(text=reason, is_fault=True)
+
+    @property
+    def is_in_contact(self) -> bool:
+        """Whether the robot is towards a contact, in one or on its way back, or was left there at the end."""
+        return self._contact and self._motion is not None
 
     @property
     def is_over(self) -> bool:
@@ -412,6 +427,8 @@ class Runner:
             yield
         if not self.senses.stands(self._now):
             raise Fault('the joints move: something else moves the robot', may_retract=False)
+        if self.is_in_contact:
+            yield from self._leave()
         zero, most = self.senses.tare(self._now), _LARGEST_ZERO * cell.touch.force[0]
         if zero > most:
             text = f'the sensor reads {zero:.1f} N, more than {most:g} N, where nothing must be touched'
@@ -427,6 +444,29 @@ class Runner:
         if cell.lift is not None:
             yield from self._raise(cell.lift.up)
         yield from self._go_on()
+
+    def _leave(self) -> Iterator[None]:
+        """Retracts the touch in which a former run has left the robot, unless that was moved meanwhile."""
+        assert self._motion is not None
+        near, away = self._motion.track.nearest(self.senses.place, self._motion.at)
+        if away < _OFF_APPROACH:
+            self._resume(near)
+            self._say('retract', 'retracting the touch of the former run')
+            yield from self._back()
+            began = self._now
+            while self._now - began < 2 * _QUIET:  # a touch that is found now is none of this run
+                self._detect()
+                self._check(_OFF_TRACK)
+                yield
+        self._contact, self._motion, self._commander.place, self.target = False, None, None, None
+
+    def _resume(self, near: float) -> None:
+        """Takes the motion up where the robot stands, at a length of its track, m."""
+        if self._motion is not None:
+            self._motion.at, self._motion.sent = near, None
+            self._commander.place = self._motion.place
+        self._is_behind, self._seen_at = False, self._now
+        self._last_force = self.senses.net_force, self.senses.stamp
 
     def _raise(self, goal: float) -> Iterator[None]:
         """Moves the lift, and sees that it moves.
@@ -767,14 +807,10 @@ class Runner:
                 near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
                 self._command, asked = self._stand(), self._now  # a controller that still refuses says so
             yield
-        if self._motion is not None:
-            self._motion.at, self._motion.sent = near, None
-            self._commander.place = self._motion.place
         if not self._contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
-        self._is_behind, self._seen_at = False, self._now
-        self._last_force = self.senses.net_force, self.senses.stamp
+        self._resume(near)
         if self._contact:
             self._say('retract', f'going on after: {reason}')
             yield from self._back()
@@ -798,11 +834,14 @@ class Runner:
 
     def _retract(self, *, may_retract: bool) -> Iterator[None]:
         """Stands, then goes back along the way it came: to the beginning of an approach, else a little."""
-        self._command, motion = self._stand(), self._motion
-        self._motion = None
+        self._command, motion, began = self._stand(), self._motion, self._now
         yield
         if motion is None or not may_retract:
             return
+        while (
+            not self.senses.knows_joints(self._now, SILENT) and self._now - began < 1.0
+        ):  # it may be a moment's silence
+            yield
         off_track = _OFF_APPROACH if self._contact else _OFF_TRACK
         at = min(motion.at, self._on_way(motion, off_track))
         motion = self._motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
@@ -817,7 +856,7 @@ class Runner:
             self._check_place(off_track)
             self._move(motion, goal)
             yield
-        self._motion = None
+        self._motion, self._contact = None, False
         if self.senses.force > self._free_limit and not self.senses.problem(self._now):
             text = f'{self.status.text}; {self.senses.force:.1f} N remain after retracting: a force in free motion'
             self.status = self.status._replace(text=text)

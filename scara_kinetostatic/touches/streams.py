@@ -15,8 +15,11 @@ fixed transforms (`/tf_static`) connect the `frame_id` of a wrench with such a f
 of which the two components in the plane are used. A sensor that is mounted with a turn, or upside down, so gives the
 force in the frame stated. Only fixed transforms count: a sensor is mounted once. A recording holds the wrenches as they
 came, and the transforms; each reader of forces, the collector and the reader of recordings, turns them once, by this
-code. A frame of a robot of which `robot.plane` is stated is not that of link 2, whatever its name: there the transforms
-count for forces in the base, and those in the tool are taken as `sensor.rotation` or `sensor.axes` say.
+code. `sensor.base_frame` and `sensor.tool_frame` name the frames where a prefix or a driver calls them otherwise. A
+`frame_id` that is neither known nor fixed to a known frame is said: nobody knows how the sensor is turned, unless the
+cell states how it is mounted. A frame of a robot of which `robot.plane` is stated is not that of link 2, unless
+`sensor.tool_frame` names it: there the transforms count for forces in the base, and those in the tool are taken as
+`sensor.rotation` or `sensor.axes` say.
 """
 
 from __future__ import annotations
@@ -143,13 +146,18 @@ class WrenchFrame:
 
     Args:
         cell: whose sensor it is.
+        prefix: before the names of frames, where the node has one.
     """
 
-    def __init__(self, cell: Cell) -> None:
-        self._stated, self._axes, plane = cell.sensor.frame, cell.force_axes, cell.plane
-        self._plane, self._names = plane.axes.T if self._stated is SensorFrame.BASE else np.eye(3), NAMES
+    def __init__(self, cell: Cell, prefix: str = '') -> None:
+        sensor, plane, base, tool = cell.sensor, cell.plane, *NAMES.values()
+        self._stated, self._axes, self._prefix = sensor.frame, cell.force_axes, prefix.lstrip('/')
+        self._plane = plane.axes.T if self._stated is SensorFrame.BASE else np.eye(3)
         if plane.is_stated:
-            self._names = {SensorFrame.BASE: (plane.frame,), SensorFrame.TOOL: ()}
+            base, tool = (plane.frame,), ()
+        named = [(name.lstrip('/'),) if name else usual for name, usual in zip(sensor[-2:], (base, tool), strict=True)]
+        self._names: dict[SensorFrame, tuple[str, ...]] = dict(zip(NAMES, named, strict=True))
+        self._is_mounted = bool(sensor.axes or sensor.rotation or not self._names[self._stated])
         self._neighbours: dict[str, dict[str, Floats]] = {}
 
     def add(self, transform: FixedTransform) -> None:
@@ -179,11 +187,21 @@ class WrenchFrame:
         return f'forces turned by {angle:.3g} degrees from {frame_id} into {name}'
 
     def complaint(self, frame_id: str) -> str:
-        """How a `frame_id` contradicts the cell description; empty if it does not, or if nothing is known of it."""
+        """How a `frame_id` contradicts the cell description, or that it is not known; empty if neither, or without one.
+
+        A frame that is not known does no harm where the cell description states how the sensor is mounted.
+        """
         start = frame_id.lstrip('/')
         frame, name, _ = self._known_frame(start)
-        if frame is None or frame is self._stated:
+        if frame is self._stated or not start or (frame is None and self._is_mounted):
             return ''
+        if frame is None:
+            stated, known = self._stated.value, ', '.join(self._names[self._stated])
+            like = [each for each in self._turns(start) if each.endswith(NAMES[self._stated])]
+            named = f'{like[0]} if that is it' if like else 'its name'
+            unknown = f'frame_id {frame_id!r} is no known frame ({known}), nor fixed to one on /tf_static'
+            remedy = f'set sensor.{stated}_frame, the name of the {stated}, to {named}, or state sensor.rotation'
+            return f'{unknown}; forces are taken as in the {stated}: {remedy}'
         how = f'is fixed to {name}' if name != start else f'is a frame of the {frame.value}'
         stated = f'the cell description states sensor.frame: {self._stated.value}'
         return f'frame_id {frame_id!r} {how}, but {stated}; one of them is wrong'
@@ -193,6 +211,16 @@ class WrenchFrame:
 
         That which the cell states counts before the other, a nearer one before one that is farther off.
         """
+        turns = self._turns(start)
+        for frame in sorted(self._names, key=lambda frame: frame is not self._stated):
+            for usual in self._names[frame]:
+                for name, turn in turns.items():
+                    if usual in (name, name.rpartition('/')[2], name.removeprefix(self._prefix)):
+                        return frame, name, turn
+        return None, '', turns[start]
+
+    def _turns(self, start: str) -> dict[str, Floats]:
+        """The frames that are fixed to one, itself included, nearer ones first, with the rotation into each."""
         turns = {start: np.eye(3)}
         waiting = [start]
         for name in waiting:
@@ -200,12 +228,7 @@ class WrenchFrame:
                 if neighbour not in turns:
                     turns[neighbour] = step @ turns[name]
                     waiting.append(neighbour)
-        for frame in sorted(self._names, key=lambda frame: frame is not self._stated):
-            for usual in self._names[frame]:
-                for name, turn in turns.items():
-                    if name.rpartition('/')[2] == usual:
-                        return frame, name, turn
-        return None, '', turns[start]
+        return turns
 
 
 def _matrix(quaternion: Sequence[float]) -> Floats | None:

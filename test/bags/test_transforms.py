@@ -86,12 +86,17 @@ def test_a_sensor_that_lies_on_its_side_is_named(tmp_path, streams, turn, said):
     assert 'record how it is mounted in tool0 on /tf_static' in str(caught.value)
 
 
+NAMED_CELL = replace(TOOL_CELL, sensor=TOOL_CELL.sensor._replace(tool_frame='sensor'))
+
+
 def test_some_force_along_z_is_no_mistake(tmp_path, streams):
     write_mcap(tmp_path / 'bag.mcap', on_axes(mounted_messages(streams), [[1, 0, 0], [0, 1, 0], [0.4, 0.4, 0]]))
-    assert read_streams(tmp_path / 'bag.mcap', TOOL_CELL).warnings == ()
+    assert read_streams(tmp_path / 'bag.mcap', NAMED_CELL).warnings == ()
+    (said,) = read_streams(tmp_path / 'bag.mcap', TOOL_CELL).warnings
+    assert "frame_id 'sensor' is no known frame" in said and 'set sensor.tool_frame' in said
     free = [[0.01, 0, 0], [0, 0.01, 0], [0.03, 0.03, 0]]  # nothing is touched
     write_mcap(tmp_path / 'free.mcap', on_axes(mounted_messages(streams), free))
-    read = read_streams(tmp_path / 'free.mcap', TOOL_CELL)
+    read = read_streams(tmp_path / 'free.mcap', NAMED_CELL)
     assert read.warnings == ()
     assert find_touches(read, TOOL_CELL).found == 0
 

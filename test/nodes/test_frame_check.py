@@ -30,7 +30,11 @@ from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 
 def make_check(said: list[str], changed: Callable[[bytes, bool], None]) -> FrameCheck:
     logger = SimpleNamespace(info=said.append, warning=said.append)
-    node: Any = SimpleNamespace(get_logger=lambda: logger, create_subscription=lambda *_, **__: None)
+    node: Any = SimpleNamespace(
+        get_logger=lambda: logger,
+        create_subscription=lambda *_, **__: None,
+        get_parameter_or=lambda _, default: default,
+    )
     return FrameCheck(node, PAPER_CELL, changed)
 
 
@@ -42,12 +46,12 @@ def test_what_is_new_is_passed_on_once():
     passed: list[bool] = []
     said: list[str] = []
     check = make_check(said, lambda _, anew: passed.append(anew))
-    assert check.turn(wrench('sensor')) is None and not check.complaint()
+    assert check.turn(wrench('sensor')) is None and 'is no known frame' in check.complaint()
     check.note(transform_message('base_link', 'elsewhere', 45))
     check.note(transform_message('base_link', 'sensor', 45))
     check.note(transform_message('base_link', 'sensor', 45))
     assert passed == [False, True]
-    assert check.turn(wrench('sensor')) is not None
+    assert check.turn(wrench('sensor')) is not None and not check.complaint()
     assert check.turn(wrench('base_link')) is None
     assert len(check.messages) == 2
     check.turn(wrench('sensor'))

@@ -15,10 +15,12 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import rclpy
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nodes.waiting import WAIT, Bench
+from rcl_interfaces.srv import GetParameters
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -218,7 +220,7 @@ def test_how_a_goal_failed_and_whether_that_may_pass(bench, action, monkeypatch,
     monkeypatch.setattr(StandIn, 'answers', (code, 0))
     monkeypatch.setattr(StandIn, 'why', why)
     failed: list[tuple[str, bool]] = []
-    controller = Controller(bench(Collector).node, action['action'], lambda *how: failed.append(how))
+    controller = Controller(bench(Collector).node, CELL.joint_names, action['action'], lambda *how: failed.append(how))
     command = Command(CELL.joint_names, np.array([0.1]), np.array([STANDS]), np.zeros((1, 0)))
     controller.send(command)
     ((reason, may_pass),) = failed
@@ -229,13 +231,46 @@ def test_how_a_goal_failed_and_whether_that_may_pass(bench, action, monkeypatch,
     assert len(failed) == 1, 'the end of a goal in whose place another came'
 
 
+@pytest.mark.parametrize(
+    ('given', 'says'),
+    [
+        ({'open_loop_control': True, 'joints': list(CELL.joint_names)}, ''),
+        ({'open_loop_control': False}, 'set open_loop_control: true: else each command begins at the measured joints'),
+        ({'open_loop_control': True, 'interpolate_from_desired_state': False, 'interpolation_method': 'splines'}, ''),
+        ({'open_loop_control': False, 'interpolate_from_desired_state': False}, 'set interpolate_from_desired_state: '),
+        (
+            {'interpolation_method': 'none', 'constraints.goal_time': 0.5},
+            'splines: else it steps at the end of each po',
+        ),
+        ({'constraints.goal_time': 0.5}, 'set constraints.goal_time: 0.0'),
+        ({'joints': ['a', *CELL.joint_names]}, 'set allow_partial_joints_goal: true: else name a in robot.hold'),
+        ({'joints': ['a', *CELL.joint_names], 'allow_partial_joints_goal': True}, ''),
+    ],
+)
+def test_what_is_to_be_set_in_a_controller(bench, given, says):
+    b = bench(Collector)
+    arm = rclpy.create_node('arm')
+    for name, value in given.items():
+        arm.declare_parameter(name, value)
+    b._executor.add_node(arm)
+    controller = Controller(b.node, CELL.joint_names, '', lambda *_: None)
+    controller._parameters = b.node.create_client(GetParameters, '/arm/get_parameters')
+    b.wait(lambda: controller.ask() or len(controller._found) == 6)
+    assert says in controller.advice()
+    assert bool(controller.advice()) == bool(says)
+    arm.destroy_node()
+
+
 class Standing(Bench):
     """A robot that stands, whatever is commanded, and its clock.
 
     Attributes:
         sent: what is commanded by messages.
         said: phase and text, whenever they change.
+        clock_stands: whether there are no further messages on `/clock`.
     """
+
+    clock_stands = False
 
     def __init__(self, node: TouchRunner) -> None:
         super().__init__(node)
@@ -249,6 +284,7 @@ class Standing(Bench):
     def begin(self) -> None:
         self.meet(self._states, self._wrenches)
         self.wait(lambda: not self.node._controller.absence() and self._clock.get_subscription_count() > 0)
+        self.wait(self.node.now, self.sample)
         start = self.call('/touch_runner/start')
         assert start.success, start.message
 
@@ -266,10 +302,11 @@ class Standing(Bench):
 
     def sample(self) -> None:
         taken = min(monitor.count for monitor in self.node._streams.monitors.values())
-        if self._samples and (taken < self._samples or self.node.now() < self._now):
+        if self._samples and (taken < self._samples or (self.node.now() < self._now and not self.clock_stands)):
             return
         self._now, self._samples = self._now + 4_000_000, self._samples + 1
-        self._clock.publish(Clock(clock=stamp_of(self._now)))
+        if not self.clock_stands:
+            self._clock.publish(Clock(clock=stamp_of(self._now)))
         self._states.publish(joint_state((self._now, *STANDS), CELL.joint_names))
         self._wrenches.publish(wrench((self._now, 0.0, 0.0), 'base_link'))
         if (status := self.node._runner.status[:2]) not in self.said[-1:]:
@@ -342,6 +379,26 @@ def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(standing):
     b.wait(lambda: len(b.sent) > before)
     assert 'the node was ended' in b.node._runner.status.text
     assert [list(point.positions) for point in b.sent[-1].points] == [pytest.approx(STANDS)]
+
+
+@pytest.mark.parametrize(
+    ('hears', 'says'), [(False, 'is silent'), (True, '(in travel)')], ids=['nothing comes', 'sensors go on']
+)
+def test_where_the_clock_stands_steady_time_goes_on(standing, hears, says):
+    b = standing()
+    assert 'nothing comes on /clock' in b.call('/touch_runner/start').message or b.node._controller.absence()
+    b.begin()
+    b.until_it_moves()
+    assert b.set('use_sim_time', False) == 'the robot is moved by this clock: call ~/stop first'
+    assert b.set('use_sim_time', True) == ''
+    b.clock_stands = True
+    b.wait(lambda: b.node._runner.status.phase == 'waiting', b.sample if hears else lambda: None)
+    assert says in b.node._runner.status.text
+    answer = b.call('/touch_runner/stop', b.sample if hears else lambda: None)
+    assert not answer.success
+    assert 'the run has ended, but the tip may not be retracted: ' in answer.message and says in answer.message
+    b.wait(lambda: b.node._runner.is_over, b.sample if hears else lambda: None)
+    assert len(b.sent[-1].points) == 1, 'the last command is a halt'
 
 
 def test_a_run_is_stopped_and_ended_by_a_goal_of_somebody_else(standing):

@@ -24,11 +24,12 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.planning.motion import Space
+from scara_kinetostatic.planning.motion import Poses, Space
 from scara_kinetostatic.planning.planner import Planner
-from scara_kinetostatic.running.campaign import Campaign, Knowledge, calibrated
+from scara_kinetostatic.running.campaign import Campaign, Knowledge, calibrated, clear_start
 from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Track
 from scara_kinetostatic.running.robot import Fault as PlannedFault
+from scara_kinetostatic.running.runner import Runner
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -99,6 +100,14 @@ def until_phase(one: Rehearsal, phase: str, more: float = 0.2) -> None:
     one.run(lambda at: at.runner.status.phase == phase and at.time > 3.0, 120.0)
     one.run(longest=more)
     assert one.runner.status.phase == phase
+
+
+def begin_anew(one: Rehearsal) -> None:
+    """As `~/start` does after the end of a run."""
+    former = one.runner
+    one.runner = Runner(one.cell, 100, one._detector.poll, one._work, nominal_planner(one.cell), 10.0)
+    one.runner.take_over(former)
+    one.runner.start()
 
 
 def test_a_run_at_a_disc_and_a_block_reaches_its_tolerance():
@@ -501,6 +510,81 @@ def test_what_passes_by_itself_is_waited_for(how, phase, streams):
     one.run(lambda at: at.runner.campaign.accepted > accepted and at.runner.status.phase == 'travel', 60.0)
     assert (one.runner.campaign.accepted, one.runner.end) == (accepted + 1, None)
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
+
+
+@pytest.mark.parametrize('cell', [CELL, WITH_BLOCK], ids=['discs', 'block'])
+def test_from_every_place_of_a_way_another_one_leads_on(cell):
+    """As where it was interrupted, also a little beside the way; but not from within an object."""
+    one, found, changes = rehearsal(cell), list[tuple[Track, Any]](), False
+    while not changes:  # of the elbow
+        one.step()
+        track = None if one.runner._motion is None else one.runner._motion.track
+        if one.runner.status.phase == 'travel' and track is not None and all(each is not track for each, _ in found):
+            found.append((track, one.runner.target))
+            changes = bool(np.ptp(np.sign(track.places[:, 1])))
+    planner, rng = nominal_planner(cell), np.random.default_rng(3)
+    stretched = 0
+    for track, target in found[-3:]:
+        goal = planner.approach(target.plan)
+        for at in np.linspace(0.0, track.length, 25):
+            joints = track.place(at)[:2] + rng.uniform(-1e-3, 1e-3, 2)
+            start, problem = clear_start(planner, joints)
+            assert problem == ''
+            stops = Poses(*(np.concatenate(parts) for parts in zip(start.select(slice(-1, None)), goal, strict=True)))
+            assert np.isfinite(planner.roadmap.ways(stops).lengths[0, 1])
+            stretched += np.hypot(*forward(cell.nominal, joints)) > planner.space.reach
+    assert stretched >= 1
+    inside = Poses(np.array([[-0.25, 0.30]]), np.array([1]))
+    assert 'from disc_1): move it away' in clear_start(planner, planner.space.joints(inside)[0])[1]
+
+
+def test_between_two_objects_the_tip_comes_no_nearer_to_either():
+    planner = nominal_planner(CELL)
+    gap = 2 * planner.space.clearance - 1e-3
+    pair = (Disc('a', -0.05 - gap / 2, 0.4, 0.05), Disc('b', 0.05 + gap / 2, 0.4, 0.05))
+    narrow = Planner(nominal_arm(replace(CELL, discs=pair)))
+    tip = np.array([[2e-4, 0.4]])
+    start, problem = clear_start(narrow, narrow.space.joints(Poses(tip, np.array([1])))[0])
+    assert (problem, len(start.tip)) == ('', 1)
+    along, across = np.array([0.0, 0.1]), np.array([1e-3, 0.0])
+    leaves = [narrow.space.is_clear(tip, tip + step, leaves=True)[0] for step in (along, across)]
+    assert leaves == [True, False] and not narrow.space.is_clear(tip, tip + along)[0]
+
+
+@pytest.mark.parametrize('lift', [None, LIFT], ids=['round', 'over'])
+@pytest.mark.parametrize('anew', [False, True], ids=['goes on', 'anew'])
+def test_an_arm_that_was_stretched_when_it_was_interrupted_is_brought_on(lift, anew):
+    one = rehearsal(replace(CELL, lift=lift), patience=10.0)
+    one.run(lambda at: at.runner.status.phase == 'travel' and abs(at.plant._position[1] + TRUTH.theta2) < 0.05, 60.0)
+    one.plant.active = False
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    if anew:
+        one.runner.stop('stopped')
+        one.run(longest=2.0)
+    one.plant.active = True
+    if anew:
+        begin_anew(one)
+    one.run(lambda at: at.runner.status.phase == 'hold' or at.runner.end is not None, 60.0)
+    assert (one.runner.status.phase, one.runner.end) == ('hold', None)
+
+
+@pytest.mark.parametrize('moved', [False, True], ids=['stands', 'was moved'])
+def test_a_touch_in_which_a_run_has_ended_is_retracted_by_the_next_one(moved):
+    one = rehearsal()
+    until_phase(one, 'press', 0.4)
+    one.runner.fail('somebody else', may_retract=False)
+    one.run(longest=1.0)
+    assert one.plant.body.touched and one.runner.is_over
+    if moved:
+        q1, q2 = one.plant._position[:2]
+        one.plant.command(one.plant.names, [1.0], [[q1 + 0.01, q2]])
+        one.plant.step(one.time + 1.5)
+    begin_anew(one)
+    one.run(lambda at: at.runner.status.phase == 'hold' or at.runner.end is not None, 60.0)
+    says = [status.text for _, status in one.history]
+    assert ('retracting the touch of the former run' in says) is not moved
+    assert one.plant.peak_force < CELL.touch.max_force
+    assert (one.runner.status.phase, one.runner.campaign.accepted) == ('hold', 0)
 
 
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])

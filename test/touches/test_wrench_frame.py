@@ -30,10 +30,42 @@ def tree(stated: SensorFrame, *transforms: tuple[str, str, tuple[float, float, f
     return frame
 
 
-@pytest.mark.parametrize('frame_id', ['', 'base', 'base_link', '/left/base_link', 'world', 'sensor'])
-def test_what_agrees_or_is_unknown_is_not_said(frame_id):
+@pytest.mark.parametrize('frame_id', ['', 'base', 'base_link', '/left/base_link', 'world'])
+def test_what_agrees_is_not_said(frame_id):
     frame = WrenchFrame(PAPER_CELL)
     assert not frame.complaint(frame_id) and frame.turn(frame_id) is None
+
+
+PREFIXED = ('left_base_link', 'left_tool0', NO_TURN), ('left_tool0', 'left_ft_frame', about_z(90))
+
+
+@pytest.mark.parametrize('stated', SensorFrame)
+def test_a_frame_that_is_not_known_is_said_until_its_name_is_stated(stated):
+    """As with `tf_prefix` of a URDF: a name that ends in a usual one is not taken for it."""
+    name = {SensorFrame.BASE: 'left_base_link', SensorFrame.TOOL: 'left_tool0'}[stated]
+    frame = tree(stated, *PREFIXED)
+    for frame_id in ('left_ft_frame', name):
+        said = frame.complaint(frame_id)
+        assert said.startswith(f"frame_id '{frame_id}' is no known frame (") and f'to {name} if that is it' in said
+        assert frame.turn(frame_id) is None
+    assert 'to its name, or state sensor.rotation' in frame.complaint('elsewhere')
+    known = WrenchFrame(replace(cell(stated), sensor=Sensor(frame=stated, **{f'{stated.value}_frame': name})))
+    for transform in PREFIXED:
+        known.add(FixedTransform(*transform))
+    assert not known.complaint('left_ft_frame') and not known.complaint(name) and known.turn(name) is None
+    np.testing.assert_allclose(known.turn('left_ft_frame') @ [1.0, 0.0, 0.0], [0.0, 1.0], atol=1e-12)
+    assert 'elsewhere' in known.complaint('elsewhere')
+    prefixed = WrenchFrame(cell(stated), 'left_')
+    assert not prefixed.complaint(name) and prefixed.complaint('left_ft_frame')
+
+
+def test_where_the_mounting_is_stated_any_frame_may_be():
+    turned = Sensor(frame=SensorFrame.TOOL, rotation=0.3)
+    upright = Plane('base_link', x=(1.0, 0.0, 0.0), y=(0.0, 0.0, 1.0))
+    assert not WrenchFrame(replace(PAPER_CELL, sensor=turned)).complaint('tool0_controller')
+    there = replace(PAPER_CELL, plane=upright, sensor=Sensor(frame=SensorFrame.TOOL))
+    assert not WrenchFrame(there).complaint('tool0_controller')
+    assert WrenchFrame(replace(there, sensor=Sensor())).complaint('tool0_controller')
 
 
 @pytest.mark.parametrize(('stated', 'frame_id'), [
@@ -96,7 +128,7 @@ def test_the_frame_of_the_description_counts_before_others_of_the_same_side():
 )
 def test_transforms_that_turn_nothing(transforms):
     frame = tree(SensorFrame.BASE, *transforms)
-    assert not frame.complaint('sensor') and frame.turn('sensor') is None
+    assert frame.turn('sensor') is None and not frame.description('sensor')
 
 
 def test_a_stated_turn_counts_where_no_transform_says_it():
