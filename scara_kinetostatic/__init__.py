@@ -124,9 +124,7 @@ def __getattr__(name: str) -> Any:
     home = _homes().get(name)
     if home is None:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from scara_kinetostatic.errors import naming_missing_libraries
-
-    with naming_missing_libraries():
+    with import_module(f'{__name__}.errors').naming_missing_libraries():
         value = getattr(import_module(home), name)
     if isinstance(value, FunctionType):
         value = import_module(f'{__name__}.threads').one_thread(value)

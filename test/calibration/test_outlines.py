@@ -95,7 +95,7 @@ def test_touches_of_both_edges_of_an_inner_corner_are_left_out_with_the_reason()
 def test_touches_that_alternate_between_surfaces_are_refused(monkeypatch):
     cell = CELLS['block']
     touches = simulate_touches(cell, TRUTH, default_plan(cell, 12), None, 1)
-    monkeypatch.setattr(f'{sk.calibrate.__module__}.fitted_surfaces', lambda o, *_: o.surface ^ 1)
+    monkeypatch.setattr('scara_kinetostatic.calibration.calibrate.fitted_surfaces', lambda o, *_: o.surface ^ 1)
     with pytest.raises(UnsupportedDataError, match=r'do not settle on the edges|too much alike'):
         sk.calibrate(touches, cell)
 
