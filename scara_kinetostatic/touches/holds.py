@@ -310,7 +310,11 @@ def _candidates_of_contact(signals: Signals, tare: Tare, begin: float, end: floa
     if not holds:
         return [TouchCandidate(contact, tare, None, _gap(signals, tare.contact, end) or why)]
     parts = [_judged(signals, tare, contact, hold) for hold in holds]
-    return [part for part in parts if not part.defect or part.is_broken] or _steady_parts(signals, parts) or parts[:1]
+    return (
+        [part for part in parts if not part.defect or part.is_broken]
+        or _steady_parts(signals, tare, parts)
+        or parts[:1]
+    )
 
 
 def _judged(signals: Signals, tare: Tare, contact: tuple[float, float], hold: Hold) -> TouchCandidate:
@@ -319,7 +323,7 @@ def _judged(signals: Signals, tare: Tare, contact: tuple[float, float], hold: Ho
     return TouchCandidate(contact, tare, hold, defect)
 
 
-def _steady_parts(signals: Signals, slow: list[TouchCandidate]) -> list[TouchCandidate]:
+def _steady_parts(signals: Signals, tare: Tare, slow: list[TouchCandidate]) -> list[TouchCandidate]:
     """The steady parts of holds that all change slowly, by means over the longest time that shows some."""
     window = 0.25 * max(part.span[1] - part.span[0] for part in slow)
     while window > signals.window:
@@ -328,10 +332,10 @@ def _steady_parts(signals: Signals, slow: list[TouchCandidate]) -> list[TouchCan
             time = signals.wrench.time[signals.wrench.stretch(whole.span[0] + window, whole.span[1] - window)]
             if len(time) < 2:
                 continue
-            _, noise, steady, at_rest = _steadiness(signals, whole.tare, time, window)
-            holds = _holds_of_contact(signals, whole.tare, time, steady & at_rest, noise, window)
+            _, noise, steady, at_rest = _steadiness(signals, tare, time, window)
+            holds = _holds_of_contact(signals, tare, time, steady & at_rest, noise, window)
             lasting = [hold for hold in holds if hold.duration >= Settings.shortest_hold]
-            found += [_judged(signals, whole.tare, whole.contact, hold) for hold in lasting]
+            found += [_judged(signals, tare, whole.contact, hold) for hold in lasting]
         if good := [part for part in found if not part.defect or part.is_broken]:
             return good
         window /= 2
