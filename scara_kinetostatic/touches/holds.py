@@ -51,6 +51,8 @@ class Settings:
         largest_joint_scatter: accepted standard deviation of a joint angle in a hold, rad: ten times the noise with
             which a hold is found.
         largest_slide: accepted change of a joint angle from the first to the last third of a hold, rad.
+        clear_change: a part of such a hold is steady if the rest changes by more than this many times what is none:
+            pieces of a steady change are seldom so by chance.
         weak_force: a contact without a hold under less force than this part of the smallest force of a hold,
         weak_travel: in which a joint moves by more than this, rad, is not a touch: the force is that of the arm's
             acceleration.
@@ -79,6 +81,7 @@ class Settings:
     scatter_sigmas: float = 4.0
     largest_joint_scatter: float = 1e-3
     largest_slide: float = 2e-4
+    clear_change: float = 2.0
     weak_force: float = 0.5
     weak_travel: float = 0.03
     motion_before: float = 0.1
@@ -136,7 +139,8 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     time = wrench.time[wrench.stretch(tare.contact, end)]
     if len(time) < 2:
         return [], _too_short(0.0)
-    load, noise, steady, at_rest = _steadiness(signals, tare, time, signals.window)
+    load, noise, changes = _changes(signals, tare, time, signals.window)
+    steady, at_rest = changes <= 1.0
     found = _holds_of_contact(signals, tare, time, steady & at_rest & (time >= begin), noise, signals.window)
     shortest = s.shortest_hold - 1.5 * max(joints.period, signals.wrench.period)
     holds = [hold for hold in found if hold.duration >= shortest]
@@ -162,8 +166,8 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     return [], Defect('unsteady', f'no steady force: it is steady during only {int(100 * part)} % of the contact')
 
 
-def _steadiness(signals: Signals, tare: Tare, time: Floats, window: float) -> tuple[Floats, float, Mask, Mask]:
-    """Mean force, (k,), N, its noise, N, and whether force and joints do not change, (k,) each.
+def _changes(signals: Signals, tare: Tare, time: Floats, window: float) -> tuple[Floats, float, Floats]:
+    """Mean force, (k,), N, its noise, N, and how much force and joints change, by what is none, (2, k).
 
     Args:
         signals: the recording.
@@ -180,11 +184,12 @@ def _steadiness(signals: Signals, tare: Tare, time: Floats, window: float) -> tu
     changes = np.abs(np.diff(force, axis=0))
     resolution = float(np.min(changes, where=changes > 0, initial=np.inf)) if changes.any() else 0.0
     force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), resolution)
-    steady = np.hypot(*force_step.T) <= np.maximum(force_limit, s.steady_force * load)
+    force_limits = np.maximum(force_limit, s.steady_force * load)
     joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), s.highest_joint_noise)
     joint_limit = s.steady_joint * signals.window + s.sigmas * _step_std(joint_noise, joints, window)
-    at_rest = np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= max(joint_limit, signals.resolution)
-    return load, noise, steady, at_rest
+    joint_step = np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1)
+    parts = np.hypot(*force_step.T) / force_limits, joint_step / max(joint_limit, signals.resolution)
+    return load, noise, np.array(parts)
 
 
 def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
@@ -332,10 +337,12 @@ def _steady_parts(signals: Signals, tare: Tare, slow: list[TouchCandidate]) -> l
             time = signals.wrench.time[signals.wrench.stretch(whole.span[0] + window, whole.span[1] - window)]
             if len(time) < 2:
                 continue
-            _, noise, steady, at_rest = _steadiness(signals, tare, time, window)
-            holds = _holds_of_contact(signals, tare, time, steady & at_rest, noise, window)
-            lasting = [hold for hold in holds if hold.duration >= Settings.shortest_hold]
-            found += [_judged(signals, tare, whole.contact, hold) for hold in lasting]
+            _, noise, changes = _changes(signals, tare, time, window)
+            change = changes.max(axis=0)
+            if (change > 1.0).any() and np.median(change[change > 1.0]) > Settings.clear_change:
+                holds = _holds_of_contact(signals, tare, time, change <= 1.0, noise, window)
+                lasting = [hold for hold in holds if hold.duration >= Settings.shortest_hold]
+                found += [_judged(signals, tare, whole.contact, hold) for hold in lasting]
         if good := [part for part in found if not part.defect or part.is_broken]:
             return good
         window /= 2

@@ -101,6 +101,17 @@ def test_the_steady_part_of_a_slow_press_is_the_hold(speed):
     np.testing.assert_allclose(detection.touches.force, scene.truth_of_holds()[1], rtol=0, atol=0.3)
 
 
+@pytest.mark.parametrize(('speed', 'noise'), [(5e-5, 0.02), (1e-4, 0.05)])
+def test_pieces_of_a_slow_press_are_no_touches(speed, noise):
+    scene, where = Scene(CELL, PAPER_MEASURED), {'disc': 1, 'degrees': 60, 'posture': 1}
+    for force in (10.0, 25.0, 40.0):
+        free, loaded = (forward(PAPER_MEASURED, scene.pose(**where, force=size)[0]) for size in (0.0, force))
+        seconds = float(np.hypot(*(loaded - free))) / speed
+        scene.approach(**where).press(**where, force=force, hold=0.0, seconds=seconds).retract(**where)
+    detection = find_touches(scene.streams(noise=noise), CELL)
+    assert detection.found == len(detection.rejected) == 3
+
+
 def test_weight_of_the_tool_in_motion_is_no_touch():
     plan = PLAN.select(np.arange(24))
     streams = simulate_streams(CELL, PAPER_ACTUAL, plan)
