@@ -193,6 +193,8 @@ FEWEST = 4
 """Samples on each side, at least."""
 _AGREE = 3.0
 """Directions agree where they differ by at most this many standard deviations."""
+_RUBBER = 1.0
+"""Coefficient of friction; more is seldom, or a force that is turned."""
 _LARGEST_ROTATION = 0.15
 """Of a force sensor that is in the frame that is stated, rad."""
 
@@ -441,12 +443,12 @@ def trace_contour(
             with suppress(UnsupportedDataError):
                 found = _uncontradicted(trace_signals(signals, source, arm, other, radius or 0.0))
                 right.append((abs(found.friction.coefficient), other))
-        if not right:
+        friction, mended = min(right, key=lambda item: item[0], default=(np.inf, stated))
+        if friction > _RUBBER:
             raise
-        friction, mended = min(right, key=lambda item: item[0])
         changed = [key for key in ('frame', 'sign') if getattr(mended, key) is not getattr(stated, key)]
         keys = ' and '.join(f'sensor.{key}: {getattr(mended, key).value}' for key in changed)
-        remedy = f'{FRAME_OR_SIGN}: with {keys} they agree, and friction is {friction:.2f}'
+        remedy = f'{FRAME_OR_SIGN}, and how it is turned: {keys} would agree, with a friction of {friction:.2f}'
         raise ForceError(error.problem, remedy) from None
     remarks = *([] if radius is not None else [NO_RADIUS]), *remarks_on(contour, arm)
     return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))
@@ -527,7 +529,7 @@ def trace_signals(
         inner_corner=inner_corner,
         tip_radius=radius,
         zero=samples.zero,
-        warnings=(*samples.warnings, *cut, *rough[: friction.coefficient > 1]),
+        warnings=(*samples.warnings, *cut, *rough[: friction.coefficient > _RUBBER]),
         contradiction=_contradiction(*friction[:2], against, into),
     )
 

@@ -193,8 +193,8 @@ def test_a_turning_joint_under_a_noisy_sensor():
 
 
 WRONG = {
-    'sign': ([[-1, 0], [0, -1]], 'with sensor.sign: on_robot they agree'),
-    'frame': (None, 'with sensor.frame: base they agree'),
+    'sign': ([[-1, 0], [0, -1]], 'turned: sensor.sign: on_robot would agree'),
+    'frame': (None, 'turned: sensor.frame: base would agree'),
     'axes swapped': ([[0, 1], [1, 0]], 'check frame and sign'),
     'sign of x': ([[-1, 0], [0, 1]], 'check frame and sign'),
     'turned by 90°': ([[0, -1], [1, 0]], 'check frame and sign'),
