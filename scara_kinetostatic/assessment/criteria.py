@@ -19,16 +19,16 @@ from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, reading_noise
+from scara_kinetostatic.calibration.noise_estimation import reading_noise
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
 from scara_kinetostatic.calibration.uncertainty_budget import Item
-from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
+from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise, of_steps
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
@@ -428,9 +428,9 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     if c.fixed:
         yield f'held at given values, exact but for what the cell declares: {", ".join(c.fixed)}'
     yield from kept(evidence)
-    steps = reading_noise(c.cell, c.touches.joints)
-    if rms(steps) > max(0.9 * c.noise.joint_rms, USUAL_NOISE.joint_rms):
-        step, level = (quantity(size * float(steps.max()), 'rad') for size in (12.0**0.5, 1.0))
+    if of_steps(c):
+        coarser = float(reading_noise(c.cell, c.touches.joints).max())
+        step, level = (quantity(size * coarser, 'rad') for size in (12.0**0.5, 1.0))
         yield f'the joint angles are read in steps of {step}, which is their noise: {level}; finer readings tell more'
     effects = c.cell.uncertainty.effects
     if effects.sizes is SizeMode.NONE:

@@ -212,14 +212,14 @@ def _enumerated(labels: Sequence[str]) -> str:
     return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
 
 
-def _of_steps(c: Calibration) -> bool:
+def of_steps(c: Calibration) -> bool:
     """Whether the noise of the joints is that of the steps of their readings, by a factor of 1.5."""
     return c.noise.joint_rms <= 1.5 * rms(reading_noise(c.cell, c.touches.joints))
 
 
 def implausible_noise(c: Calibration) -> tuple[str, str] | None:
     """Why estimated noise is too large to be noise, such as a gross model error makes it, and what to do; else None."""
-    if c.cell.noise is not None or _of_steps(c):
+    if c.cell.noise is not None or of_steps(c):
         return None
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
     if c.noise.joint_rms <= 2e-4 and share <= 0.2:
@@ -235,7 +235,7 @@ def implausible_noise(c: Calibration) -> tuple[str, str] | None:
 def large_noise(c: Calibration) -> str:
     """Message where estimated noise is large but plausible."""
     # most robots repeat better
-    if c.cell.noise is not None or c.noise.joint_rms <= 5e-5 or _of_steps(c):
+    if c.cell.noise is not None or c.noise.joint_rms <= 5e-5 or of_steps(c):
         return ''
     return (
         f'the estimated joint repeatability is {c.noise.joint_rms:.1e} rad; if the robot repeats better, a model error '

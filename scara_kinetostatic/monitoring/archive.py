@@ -35,6 +35,7 @@ from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.results.calibration_json import NAME
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
 from scara_kinetostatic.results.write import write_results
+from scara_kinetostatic.threads import one_thread
 from scara_kinetostatic.touches.detection import cell_of_files
 
 PATIENCE = 10.0
@@ -96,7 +97,7 @@ def recalibrate(task: Task) -> tuple[Row, bool]:
         cell = load_cell(task.cell) if task.cell else recorded_cell([recording], '--cell')
         robot = robot_name(cell) or cell.identification.cell or recording.parent.name
         files = ([recording], []) if is_touch_table(recording) else ([], [recording])
-        with _ALONE:
+        with _ALONE, one_thread:
             is_there = _is_result(task, cell_of_files(cell, *files))
             if not is_there:
                 outcome = calibrate_files([recording], Path(task.cell) if task.cell else None)

@@ -53,6 +53,7 @@ many degrees of freedom as records, so that evidence adds up.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -582,13 +583,16 @@ class Selection(NamedTuple):
     @property
     def share_of_range(self) -> float:
         """Held-out error of law (6) over the range of what is predicted."""
-        paths = self.study.paths
-        return self.before.held_out_rms / max(float(np.ptp(each.driven)) for each in paths)
+        return self.before.held_out_rms / self._range
 
     @property
     def final_share(self) -> float:
         """The same of the law stated."""
-        return self.share_of_range * self.final.held_out_rms / self.before.held_out_rms
+        return self.final.held_out_rms / self._range
+
+    @property
+    def _range(self) -> float:
+        return max(float(np.ptp(each.driven)) for each in self.study.paths)
 
     def is_clearly_smaller(self, candidate: Candidate) -> bool:
         """Whether its held-out error is clearly below that of law (6): below 80 % of it."""
@@ -628,15 +632,16 @@ def analyse_both(records: Sequence[Record], looks: str) -> tuple[tuple[Selection
         looks: what they look driven by.
 
     Raises:
-        RecordingError, UnsupportedDataError: as `analyse`, by what they look driven by.
+        RecordingError, UnsupportedDataError: neither can be; as `analyse`, by what they look driven by.
     """
-    found = analyse(records, looks)
-    try:
-        other = analyse(records, LOAD if looks == MOTION else MOTION)
-    except (RecordingError, UnsupportedDataError):
-        return found, ()
-    better, worse = sorted((found, other), key=lambda some: max(each.final_share for each in some))
-    return better, worse
+    found = list[tuple[Selection, ...]]()
+    for driven in (MOTION, LOAD):
+        with suppress(RecordingError, UnsupportedDataError):
+            found.append(analyse(records, driven))
+    better, *others = sorted(found, key=lambda some: max(each.final_share for each in some)) or [
+        analyse(records, looks)
+    ]
+    return better, others[0] if others else ()
 
 
 def select_model(study: Study) -> Selection:
