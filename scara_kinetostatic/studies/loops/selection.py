@@ -638,10 +638,9 @@ def analyse_both(records: Sequence[Record], looks: str) -> tuple[tuple[Selection
     for driven in (MOTION, LOAD):
         with suppress(RecordingError, UnsupportedDataError):
             found.append(analyse(records, driven))
-    better, *others = sorted(found, key=lambda some: max(each.final_share for each in some)) or [
-        analyse(records, looks)
-    ]
-    return better, others[0] if others else ()
+    found = found or [analyse(records, looks)]
+    better, *worse = sorted(found, key=lambda some: max(each.final_share for each in some))
+    return better, worse[0] if worse else ()
 
 
 def select_model(study: Study) -> Selection:
