@@ -37,6 +37,7 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain, split_heading
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SensorFrame
 
 COLUMNS = {
     column.name: column
@@ -65,14 +66,14 @@ class TouchTable(NamedTuple):
 
     Attributes:
         joints: readings of the joints, (n, 2), rad.
-        force: on the object, base frame, (n, 2), N; in that of the tool where `in_tool_frame`.
+        force: on the object, base frame, (n, 2), N; in that of the tool where `frame` is.
         objects: name of the touched object, n of them; empty where the table does not say.
         time: since the first touch, (n,), s; 0 where unknown.
         approach: each joint's last movement, (n, 2), rad or sign; 0 where unknown.
         lines: line number of each row, (n,).
         source: the file.
         notes: what is odd about it, one sentence each.
-        in_tool_frame: whether the forces are in the frame that link 2 carries.
+        frame: that of the forces.
     """
 
     joints: Floats
@@ -83,7 +84,7 @@ class TouchTable(NamedTuple):
     lines: tuple[int, ...]
     source: str
     notes: tuple[str, ...] = ()
-    in_tool_frame: bool = False
+    frame: SensorFrame = SensorFrame.BASE
 
 
 def is_touch_table(path: str | Path) -> bool:
@@ -149,7 +150,7 @@ def _touches(table: Table) -> TouchTable:
         lines=tuple(line for line, _ in table.rows),
         source=table.source,
         notes=tuple(notes),
-        in_tool_frame=states is TOOL_STATES,
+        frame=SensorFrame.TOOL if states is TOOL_STATES else SensorFrame.BASE,
     )
 
 

@@ -304,7 +304,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     Raises:
         RecordingError: a row names an object that the cell does not have.
     """
-    cell = as_in_table(cell, _frame_of(table))
+    cell = as_in_table(cell, table.frame)
     joints, approach = cell.angles(table.joints), approach_of(table.approach, cell)
     names = [disc.name for disc in cell.discs]
     association = associate(joints, table.force, cell)
@@ -350,14 +350,10 @@ def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence
         InputError: some forces are in the base frame, others in that of the tool.
         RecordingError: a table cannot be read.
     """
-    found = [(path, _frame_of(load_touch_table(path))) for path in tables]
+    found = [(path, load_touch_table(path).frame) for path in tables]
     found += [(path, cell.sensor.frame) for path in recordings] if found else []
     for path, frame in found:
         if frame is not found[0][1]:
             problem = f'a table has its forces in the {found[0][1].value} frame, {path} in the {frame.value} frame'
             raise InputError(tables[0], problem, 'calibrate the tables and the recordings separately')
     return as_in_table(cell, found[0][1]) if found and not recordings else cell
-
-
-def _frame_of(table: TouchTable) -> SensorFrame:
-    return SensorFrame.TOOL if table.in_tool_frame else SensorFrame.BASE

@@ -269,9 +269,9 @@ class TouchCandidate(NamedTuple):
         return (self.hold.begin, self.hold.end) if self.hold else self.contact
 
     @property
-    def is_broken(self) -> bool:
-        """Whether readings are missing or frozen, and the rest says nothing."""
-        return self.defect is not None and self.defect.kind in ('gap', 'frozen')
+    def counts(self) -> bool:
+        """Whether it is steady, or its readings are missing or frozen, so that nothing says more."""
+        return self.defect is None or self.defect.kind in ('gap', 'frozen')
 
 
 def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
@@ -315,11 +315,7 @@ def _candidates_of_contact(signals: Signals, tare: Tare, begin: float, end: floa
     if not holds:
         return [TouchCandidate(contact, tare, None, _gap(signals, tare.contact, end) or why)]
     parts = [_judged(signals, tare, contact, hold) for hold in holds]
-    return (
-        [part for part in parts if not part.defect or part.is_broken]
-        or _steady_parts(signals, tare, parts)
-        or parts[:1]
-    )
+    return [part for part in parts if part.counts] or _steady_parts(signals, tare, parts) or parts[:1]
 
 
 def _judged(signals: Signals, tare: Tare, contact: tuple[float, float], hold: Hold) -> TouchCandidate:
@@ -343,7 +339,7 @@ def _steady_parts(signals: Signals, tare: Tare, slow: list[TouchCandidate]) -> l
                 holds = _holds_of_contact(signals, tare, time, change <= 1.0, noise, window)
                 lasting = [hold for hold in holds if hold.duration >= Settings.shortest_hold]
                 found += [_judged(signals, tare, whole.contact, hold) for hold in lasting]
-        if good := [part for part in found if not part.defect or part.is_broken]:
+        if good := [part for part in found if part.counts]:
             return good
         window /= 2
     return []

@@ -8,6 +8,7 @@ import pytest
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
 from scara_kinetostatic.files.touch_table import EXAMPLE, _touches, is_touch_table, load_touch_table
+from scara_kinetostatic.model.cell import SensorFrame
 
 HEADING = 'q1_rad,q2_rad,fx_N,fy_N'
 ROW = '0.5,1.5,-10,0.25'
@@ -73,10 +74,10 @@ def test_rows_that_are_not_finite_are_counted_and_not_used():
 def test_forces_in_the_tool_frame_have_headings_of_their_own():
     table = parse('q1_rad,q2_rad,fx_tool_kN,fy_tool_N', '0.5,1.5,-0.01,0.25')
     np.testing.assert_array_equal(table.force, [[-10, 0.25]])
-    assert table.in_tool_frame
+    assert table.frame is SensorFrame.TOOL
     table = parse(HEADING + ',fx_tool_N,fy_tool_N', ROW + ',7,8')
     np.testing.assert_array_equal(table.force, [[-10, 0.25]])
-    assert not table.in_tool_frame
+    assert table.frame is SensorFrame.BASE
     with pytest.raises(RecordingError, match="there is no column 'fy_tool_N'"):
         parse('q1_rad,q2_rad,fx_tool_N,fy_N', ROW)
 
