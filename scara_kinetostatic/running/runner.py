@@ -147,6 +147,7 @@ class Runner:
         self._is_behind, self._near, self._seen, self._seen_at = False, 0.0, 0.0, -np.inf
         self._waits_until, self._disturbed = np.inf, -np.inf
         self._script: Iterator[None] | None = None
+        self._former: Runner | None = None
         self._paused = False
 
     # From outside
@@ -154,8 +155,7 @@ class Runner:
     def take_over(self, former: Runner) -> None:
         """Begins by retracting the touch in which a former run has left the robot, where it still stands there."""
         if former.is_in_contact:
-            self.senses, self._commander, self.target = former.senses, former._commander, former.target
-            self._motion, self._contact, self._surface = former._motion, True, former._surface
+            self.senses, self.target, self._former = former.senses, former.target, former._former or former
 
     def start(self) -> None:
         """Begins, or goes on after a pause."""
@@ -169,7 +169,8 @@ class Runner:
 
     def obstacle(self) -> str:
         """Why the robot may not obey now; empty where nothing is known against it."""
-        return self.status.text if self.status.phase == 'waiting' else self.senses.problem(self._now)
+        is_waiting = self.status.phase == 'waiting' or self._former is not None
+        return self.status.text if is_waiting else self.senses.problem(self._now)
 
     def stop(self, reason: str) -> None:
         """Retracts and holds, for good."""
@@ -191,7 +192,7 @@ class Runner:
     @property
     def is_in_contact(self) -> bool:
         """Whether the robot is towards a contact, in one or on its way back, or was left there at the end."""
-        return self._contact and self._motion is not None
+        return self._former is not None or (self._contact and self._motion is not None)
 
     @property
     def is_over(self) -> bool:
@@ -427,8 +428,8 @@ class Runner:
             yield
         if not self.senses.stands(self._now):
             raise Fault('the joints move: something else moves the robot', may_retract=False)
-        if self.is_in_contact:
-            yield from self._leave()
+        if self._former is not None:
+            yield from self._leave(self._former)
         zero, most = self.senses.tare(self._now), _LARGEST_ZERO * cell.touch.force[0]
         if zero > most:
             text = f'the sensor reads {zero:.1f} N, more than {most:g} N, where nothing must be touched'
@@ -445,11 +446,13 @@ class Runner:
             yield from self._raise(cell.lift.up)
         yield from self._go_on()
 
-    def _leave(self) -> Iterator[None]:
+    def _leave(self, former: Runner) -> Iterator[None]:
         """Retracts the touch in which a former run has left the robot, unless that was moved meanwhile."""
-        assert self._motion is not None
-        near, away = self._motion.track.nearest(self.senses.place, self._motion.at)
+        assert former._motion is not None
+        near, away = former._motion.track.nearest(self.senses.place, former._motion.at)
+        self._former = None
         if away < _OFF_APPROACH:
+            self._motion, self._contact, self._surface = former._motion, True, former._surface
             self._resume(near)
             self._say('retract', 'retracting the touch of the former run')
             yield from self._back()
@@ -458,7 +461,8 @@ class Runner:
                 self._detect()
                 self._check(_OFF_TRACK)
                 yield
-        self._contact, self._motion, self._commander.place, self.target = False, None, None, None
+            self._commander.place = None
+        self.target = None
 
     def _resume(self, near: float) -> None:
         """Takes the motion up where the robot stands, at a length of its track, m."""

@@ -587,6 +587,21 @@ def test_a_touch_in_which_a_run_has_ended_is_retracted_by_the_next_one(moved):
     assert (one.runner.status.phase, one.runner.campaign.accepted) == ('hold', 0)
 
 
+def test_a_run_that_hears_no_joints_does_not_go_back_to_where_the_former_one_ended():
+    one = rehearsal()
+    until_phase(one, 'press', 0.4)
+    one.runner.fail('somebody else', may_retract=False)
+    one.run(longest=1.0)
+    one.plant.fault = Fault.SILENT_JOINTS
+    one.time += 60.0  # in which somebody moves it
+    begin_anew(one)
+    assert one.runner.obstacle(), 'a stop retracts nothing yet'
+    commands = []
+    while not one.runner.is_over:
+        commands.append(one.step())
+    assert not any(commands) and one.runner.is_in_contact and 'is silent' in one.runner.status.text
+
+
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
 def test_a_coarse_encoder_is_no_robot_that_stands(streams):
     one = rehearsal(most=1, resolution=7.7e-4)  # of 13 bits
