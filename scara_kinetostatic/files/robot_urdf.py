@@ -26,6 +26,8 @@ from scara_kinetostatic.model.arrays import Floats
 
 MOST_BYTES = 16 * 1024**2
 """A larger file is no URDF."""
+_DEEPEST = 100
+"""Tags within each other: a URDF has five, what simulators add to it some ten."""
 ATTRIBUTE = r"""([^\s<>/="']+)\s*=\s*("[^"]*"|'[^']*')"""
 TOKEN = re.compile(
     r'<!--.*?-->|<!\[CDATA\[.*?\]\]>|<!(?!--)[^>]*>|<\?.*?\?>|</(?P<closes>[^\s<>]+)[^<>]*>|'
@@ -148,6 +150,8 @@ class Robot:
                 element = SubElement(last, token['tag'], attributes)
                 self.starts[element] = at
                 opened += [] if token['is_empty'] else [element]
+                if len(opened) > _DEEPEST:
+                    raise self._error_at(at, f'more than {_DEEPEST} tags within each other')
             at = token.end()
         if len(opened) > 1:
             raise self._error_at(self.starts[opened[-1]], f'<{opened[-1].tag}> has no end')

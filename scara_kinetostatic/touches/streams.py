@@ -198,7 +198,7 @@ class WrenchFrame:
         if frame is None:
             stated, known = self._stated.value, ', '.join(self._names[self._stated])
             like = [each for each in self._turns(start) if each.endswith(NAMES[self._stated])]
-            named = f'{like[0]} if that is it' if like else 'its name'
+            named = f'{like[0]} if that is it' if like else f'its name, {start} where that is not turned against it'
             unknown = f'frame_id {frame_id!r} is no known frame ({known}), nor fixed to one on /tf_static'
             remedy = f'set sensor.{stated}_frame, the name of the {stated}, to {named}, or state sensor.rotation'
             return f'{unknown}; forces are taken as in the {stated}: {remedy}'

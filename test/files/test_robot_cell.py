@@ -246,6 +246,7 @@ def test_names_of_any_letters_are_kept() -> None:
         (SCARA.replace('<!-- a comment of the user -->', '<!-- a'), 'line 2: expected a tag, got <!-- a'),
         (SCARA.replace('"frame"/>\n', '"frame">\n', 1), 'line 7: </joint> where </child> of line 5 is expected'),
         (SCARA.replace('</robot>', '</robot></robot>'), 'line 38: </robot> where no end is expected'),
+        ('<robot>' + '<a>' * 10**6, 'line 1: more than 100 tags within each other'),
         (SCARA.replace('<child link="upper_link"/>', ''), 'line 9: a joint without <child> with link'),
         (SCARA.replace('name="shoulder" ', ''), 'line 9: a joint without name'),
         (SCARA.replace('"-2.5"', '"-2,5"'), 'line 14: expected a number, got lower="-2,5" in <limit>'),

@@ -48,7 +48,9 @@ def test_a_frame_that_is_not_known_is_said_until_its_name_is_stated(stated):
         said = frame.complaint(frame_id)
         assert said.startswith(f"frame_id '{frame_id}' is no known frame (") and f'to {name} if that is it' in said
         assert frame.turn(frame_id) is None
-    assert 'to its name, or state sensor.rotation' in frame.complaint('elsewhere')
+    assert 'to its name, elsewhere where that is not turned against it, or state sensor.rota' in frame.complaint(
+        'elsewhere'
+    )
     known = WrenchFrame(replace(cell(stated), sensor=Sensor(frame=stated, **{f'{stated.value}_frame': name})))
     for transform in PREFIXED:
         known.add(FixedTransform(*transform))
