@@ -24,15 +24,7 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.corrected_urdf import corrected_origins, with_origins
 from scara_kinetostatic.files.robot_urdf import read_robot
-from scara_kinetostatic.files.urdf import (
-    CALIBRATED_COLOUR,
-    arm_urdf,
-    bounds_of_arm,
-    comment,
-    place_of_arm,
-    render,
-    xacro,
-)
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, render, xacro
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
@@ -236,17 +228,15 @@ def xacro_text(arm: CalibratedArm, head: Sequence[str]) -> str:
 
     With the argument ``standalone:=false`` the macro is defined and no arm is made.
     """
-    bounds = bounds_of_arm(arm.cell)
-    lift = bounds['lift']
     return render(
         Path(__file__).with_name('arm.xacro.j2'),
         comment=Markup(xacro(_comment(head))),
         name=xacro(arm.cell.identification.robot or 'scara'),
         properties=_values(arm)[:6],
         joints=[xacro(name) for name in arm.cell.joint_names],
+        lift_joint=xacro(arm.cell.lift.joint) if arm.cell.lift else '',
         back=-arm.cell.coupling,
         axes=arm.cell.direction,
-        **bounds | {'lift': lift and lift | {'joint': xacro(lift['joint'])}},
         **place_of_arm(arm.cell),
     )
 

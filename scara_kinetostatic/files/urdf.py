@@ -82,7 +82,6 @@ def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOM
         joints=cell.joint_names,
         back=-cell.coupling,
         axes=cell.direction,
-        **bounds_of_arm(cell),
         **place_of_arm(cell),
         p=parameters,
         colour=colour,
@@ -91,24 +90,22 @@ def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOM
     )
 
 
-def bounds_of_arm(cell: Cell) -> dict[str, Any]:
-    """The limits of both readings, None where there are none, and the lift, for a template.
+def place_of_arm(cell: Cell) -> dict[str, Any]:
+    """Where the arm of a cell stands and how far it moves, for a template: the robot's frame, that of the plane, the
+    angles between; the limits of both readings, None where there are none; the lift.
 
     The reading of a coupled joint has those of its angle and the part of joint 1 together.
     """
-    lift, limits = cell.lift, np.array(turned_limits(cell.limits, cell.direction) or np.zeros((2, 2)))
-    limits[1] += np.sort(cell.coupling * limits[0])
-    raised = lift and lift._asdict() | {
-        'sense': 1 if lift.up > lift.down else -1,
-        'limits': sorted((lift.up, lift.down)),
-    }
-    return {'limits': limits.tolist() if cell.limits else (None, None), 'lift': raised}
-
-
-def place_of_arm(cell: Cell) -> dict[str, Any]:
-    """Where the arm of a cell stands, for a template: the robot's frame, that of the plane, the angles between."""
     from scipy.spatial.transform import Rotation
 
-    plane = cell.plane
-    angles = Rotation.from_matrix(plane.axes).as_euler('xyz').tolist()
-    return {'plane': plane, 'base': 'arm_plane' if plane.is_stated else plane.frame, 'rpy': angles}
+    plane, lift = cell.plane, cell.lift
+    limits = np.array(turned_limits(cell.limits, cell.direction) or np.zeros((2, 2)))
+    limits[1] += np.sort(cell.coupling * limits[0])
+    raised = lift and lift._asdict() | {'sense': 1 if lift.up > lift.down else -1, 'limits': sorted(lift[1:])}
+    return {
+        'plane': plane,
+        'base': 'arm_plane' if plane.is_stated else plane.frame,
+        'rpy': Rotation.from_matrix(plane.axes).as_euler('xyz').tolist(),
+        'limits': limits.tolist() if cell.limits else (None, None),
+        'lift': raised,
+    }

@@ -20,8 +20,8 @@ from std_msgs.msg import String
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
+from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
 from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in
@@ -42,7 +42,7 @@ class Monitor(CellNode):
         super().__init__('monitor')
         self._monitor: DriftMonitor | None = None
         self._problem = self._assumptions = self._rejection = ''
-        self._kept: dict[tuple[str, str], TouchSet] = {}  # by recording and number, in the order of time
+        self._kept: dict[tuple[str, str], tuple[Measured, int]] = {}  # by recording and number, in time
         self._ignored = self._rejected = 0
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
         self._calibration = FollowedCalibration(self, CalibrationRecord.load, _of_result, self._take)
@@ -88,13 +88,14 @@ class Monitor(CellNode):
         try:
             int(key[1])
             touch = touch_of(values, monitor.record.arm)
-            alarm = monitor.add(touch)
+            measured = monitor.measure(touch), int(touch.disc[0])
+            alarm = monitor.add_measured(*measured)
         except (KeyError, ValueError, ArithmeticError, ScaraKinetostaticError) as error:  # LinAlgError is a ValueError
             self._monitor, self._problem = before, f'touch {key[1]} cannot be evaluated: {error}'
             self.get_logger().warning(self._problem)
             return
         self._problem = ''
-        self._kept[key] = touch
+        self._kept[key] = measured
         if alarm is not None and (before.alarm is None or alarm.best.name != before.alarm.best.name):
             self.get_logger().error(alarm_line(alarm, self._since(monitor)))
         while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew
@@ -105,9 +106,8 @@ class Monitor(CellNode):
         assert self._monitor is not None
         del self._kept[key]
         self._monitor.reset()
-        for number, touch in enumerate(self._kept.values(), 1):
-            measured, disc = self._monitor.measure(touch), int(touch.disc[0])
-            self._monitor.add_measured(measured, disc, named=number == len(self._kept))
+        for number, measured in enumerate(self._kept.values(), 1):
+            self._monitor.add_measured(*measured, named=number == len(self._kept))
 
     def _since(self, monitor: DriftMonitor) -> SinceTouch | None:
         """The touch since which an alarm says that the calibration does not hold; None where it is no longer kept."""

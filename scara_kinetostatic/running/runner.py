@@ -842,9 +842,7 @@ class Runner:
         yield
         if motion is None or not may_retract:
             return
-        while (
-            not self.senses.knows_joints(self._now, SILENT) and self._now - began < 1.0
-        ):  # it may be a moment's silence
+        while self._now - began < 1.0 and not self.senses.knows_joints(self._now, SILENT):  # a moment's silence passes
             yield
         off_track = _OFF_APPROACH if self._contact else _OFF_TRACK
         at = min(motion.at, self._on_way(motion, off_track))
