@@ -292,6 +292,6 @@ def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[
     link2 = arm.plane.axes @ [[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1]]
     seen = robot.frame(sensor, held)[:3, :3].T @ link2  # axes of link 2 in the sensor, as columns
     if seen[2, 2] > 1 - 1e-9:
-        return f'rotation: {_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0]}'
+        return f'rotation: {dump_yaml(_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0], flow=True)}'
     axes = {name: list(_rounded(seen[:, k])) for k, name in enumerate('xy')}
     return f'axes: {dump_yaml(axes, flow=True)}'

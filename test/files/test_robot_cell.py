@@ -270,6 +270,9 @@ def test_every_reader_of_yaml_reads_the_numbers(dust: str, where: str) -> None:
         numbers = [*tree['robot']['nominal'].values(), *tree['robot'].get('moments', {}).values()]
         numbers += [*tree['robot']['plane']['origin'], *tree['robot']['plane']['x'], *tree.get('gravity', [0.0])]
         assert all(isinstance(number, float) and not 0 < abs(number) < 1e-12 for number in numbers)
+    text, _ = described(SCARA, at=CASES['scara'].at | {'flange': float(dust)})
+    turn = yaml.safe_load(text)['sensor']['rotation']
+    assert turn == pytest.approx(float(dust), abs=1e-12) and not 0 < abs(turn) < 1e-12
 
 
 @pytest.mark.parametrize(
