@@ -106,7 +106,7 @@ class Controller:
         self.is_action, self._number, self._joints, self._is_asked = bool(action), 0, joints, False
         self._found = dict[str, Any]()
         own = f'{self._name}'.rpartition('/')[0]
-        self._parameters = node.create_client(GetParameters, f'{own}/get_parameters') if own else None
+        self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
         self._topic = f'{own}/joint_trajectory' if action else self._name
         self._foreign, self._goals = '', f'{own}/follow_joint_trajectory'
         if not action:
@@ -131,12 +131,11 @@ class Controller:
 
     def ask(self) -> None:
         """Asks for its parameters, once whenever it comes; one by one, as it answers nothing where it lacks one."""
-        client = self._parameters
-        if client is None or self._is_asked == client.service_is_ready():
+        if self._is_asked == self._parameters.service_is_ready():
             return
         self._is_asked = not self._is_asked
         for name in _PARAMETERS if self._is_asked else ():
-            answer = client.call_async(GetParameters.Request(names=[name]))
+            answer = self._parameters.call_async(GetParameters.Request(names=[name]))
             answer.add_done_callback(partial(self._take_parameter, name))
 
     def _take_parameter(self, name: str, future: RclpyFuture) -> None:
