@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
         if wrong := [item for item in args.items if not (item.isascii() and item.isdigit() and len(item) < 19)]:
             raise InputError(f'history {args.action}', f'expected a number of the list, got {wrong[0]!r}')
         is_removed = args.action == 'remove'
-        documents = History(args.file).extract([int(item) for item in args.items], remove=is_removed)
+        documents = History(args.file).extract([int(item) for item in dict.fromkeys(args.items)], remove=is_removed)
         print(f'removed: {" ".join(args.items)}' if is_removed else documents[0].rstrip())
         return
     entries = History(args.file).entries(args.robot)
