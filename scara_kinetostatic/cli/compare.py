@@ -6,7 +6,8 @@ part moved most likely (base, tool, the zero of a joint, a link, a compliance,
 a backlash, an object, the force sensor), or what else may have.
 
 Errors that the calibrations share, such as those of the places of the objects,
-cancel as far as both calibrations suffer from them alike. Writes
+cancel as far as both calibrations suffer from them alike: the change is fitted
+to the touches of both, and is not the difference of the two values. Writes
 comparison.json and comparison.html into DIR.
 
 Example:

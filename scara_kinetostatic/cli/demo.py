@@ -4,7 +4,7 @@ A robot 2.5 mm off its data sheet touches the discs of a cell by itself, in
 simulated time: the runner chooses each touch, commands it, judges it, and ends
 when the tip is known to the tolerance of the cell. Prints how the tip's
 uncertainty falls, and the estimated parameters beside the true ones of the
-simulator. A cell of yours needs robot.limits and a tolerance. Needs ROS 2
+simulator, and where the report is. A cell of yours needs robot.limits and a tolerance. Needs ROS 2
 Jazzy, as wheels or from apt.
 
 Example:

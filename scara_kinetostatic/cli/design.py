@@ -5,7 +5,8 @@ deviation of every parameter, and of the tip over the workspace. Recommends the
 smallest set of touches that reaches an accuracy and checks itself: every disc is
 touched, no touch counts on itself alone, and any one may fail. The set is written
 as a plan for `simulate --plan` and for the simulated cell. What the cell
-description declares as uncertain counts.
+description declares as uncertain counts. Says, too, which uncertainty a calibration
+is expected to state, with errors too small to be detected, and what limits it.
 
 Example:
   scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design

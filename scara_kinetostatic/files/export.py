@@ -213,7 +213,7 @@ def _notes(arm: CalibratedArm, kind: str) -> list[str]:
     if free := [name for name, _, std, _ in _values(arm) if std == _FREE and name in named]:
         notes.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
     if left_out := _left_out(arm, kind):
-        notes.append(f'it cannot hold {left_out}; `locate` does')
+        notes.append(f'the file cannot hold {left_out}; `locate` does')
     return notes
 
 
@@ -330,7 +330,7 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[bytes, l
     robot = read_robot(urdf)
     origins, p = corrected_origins(arm, robot), arm.model.parameters
     soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[6:])
-    rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
+    rest = f'a rigid URDF cannot hold compliance and backlash ({soft})'
     made = f'changed are the origins of {", ".join(origins) or "no joint"}, by {_origin(arm, source)}'
     return with_origins(robot, origins), [*_notes(arm, 'urdf'), rest, made]
 

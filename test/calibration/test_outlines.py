@@ -30,6 +30,8 @@ TRUTH = Parameters(0.0025, -0.002, 0.004, 0.3312, -0.003, 0.3285, 1.3e-5, 2e-5, 
 
 
 CELLS = {name: cell_of(name) for name in ('block', 'L', 'edge and disc', 'mixture')}
+PENTAGON = 'outline: [[0.06, 0.25], [0.14, 0.31], [0.11, 0.40], [0.01, 0.40], [-0.02, 0.31]], corner_radius: 0.002'
+CELLS['pentagon and disc'] = cell_with(pentagon=PENTAGON, disc='center: [-0.25, 0.30], radius: 0.06')
 
 
 @pytest.mark.parametrize('name', CELLS)

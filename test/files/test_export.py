@@ -255,14 +255,14 @@ def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> Non
         text_of(other, 'header')
     text, notes = exported(other, 'urdf', 'a.json')
     # a gain of 1e-3 turns joint 1 by π mrad at ±π, the tip l1 + l2 from its axis
-    assert notes == ['it cannot hold encoder_gain[joint1], up to 2.07 mm at the unloaded tip; `locate` does']
+    assert notes == ['the file cannot hold encoder_gain[joint1], up to 2.07 mm at the unloaded tip; `locate` does']
     assert 'Not contained: encoder_gain[joint1], up to 2.07 mm at the unloaded tip.' in text
     table, notes = exported(other, 'csv', 'a.json', step=0.2)
     assert len(notes) == 1 and 'found: encoder_gain[joint1].' in table and 'Not contained' not in table
     assert exported(arm, 'urdf', 'a.json')[1] == []
     heavy = arm_of(WEIGHT | {'gravity': (0.0, -9.81)})
     (note,) = exported(heavy, 'dh', 'a.json')[1]
-    assert note.startswith('it cannot hold deflection by gravity, up to ')
+    assert note.startswith('the file cannot hold deflection by gravity, up to ')
     assert exported(heavy, 'header', 'a.json')[1] == []
 
 

@@ -79,6 +79,15 @@ def test_a_message_that_is_cut_off():
         JointReader(NAMES).samples(b'\0\1\0\0' + b'\xff' * 60)
 
 
+def test_a_trajectory_begins_when_it_is_heard():
+    """Its stamp is zero: one of now would be in the past on arrival, and a controller would drop its beginning."""
+    made = conversion.joint_trajectory(NAMES, [0.5, 1.25], [[0.1, 0.2], [0.3, 0.4]], [[1.0, 2.0], [0.0, 0.0]])
+    assert (made.header.stamp.sec, made.header.stamp.nanosec, made.joint_names) == (0, 0, [*NAMES])
+    times, positions, velocities = conversion.trajectory_points(made)
+    assert (times, [list(row) for row in positions]) == ([0.5, 1.25], [[0.1, 0.2], [0.3, 0.4]])
+    assert [list(row) for row in velocities] == [[1.0, 2.0], [0.0, 0.0]]
+
+
 def test_times_before_1970():
     message = JointState(name=list(NAMES), position=[1.0, 2.0])
     message.header.stamp.sec, message.header.stamp.nanosec = -1, 5

@@ -208,6 +208,37 @@ def test_a_fault_stops_the_robot_within_a_second(phase, fault, says):
         assert not one.plant.body.touched  # retracted
 
 
+@pytest.mark.parametrize('fault', sorted({*Fault} - {Fault.DOES_NOT_FOLLOW, Fault.LIFT_STUCK}))
+def test_from_a_fifth_of_a_second_after_a_fault_on_nothing_is_pressed_farther(fault):
+    one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
+    until_phase(one, 'press', 0.0)
+    one.plant.fault = fault
+    one.run(longest=0.2)
+    pressed, forces = np.hypot(*one.plant.body.force), []
+    for _ in range(100):
+        one.step()
+        forces.append(np.hypot(*one.plant.body.force))
+    assert (max(forces) > pressed + 5.0) == (fault is Fault.NONE)
+    assert fault is Fault.NONE or max(forces) < pressed + 1.0, 'drives lag by 20 ms'
+
+
+def test_every_command_is_whole_and_leads_on_from_where_the_robot_is():
+    one = rehearsal(replace(CELL, lift=LIFT, hold={'joint4': 0.0}), most=3)
+    commands = 0
+    while not one.runner.is_over:
+        before = np.array(one.plant._setpoint)
+        command = one.step()
+        if command is None:
+            continue
+        commands += 1
+        assert command.names == (*CELL.joint_names, LIFT.joint, 'joint4')
+        assert command.positions.shape == (len(command.times), 4) and np.isfinite(command.positions).all()
+        assert command.velocities.shape in (command.positions.shape, (len(command.times), 0))
+        assert command.times[0] > 0 and (np.diff(command.times) > 0).all()
+        assert np.abs(command.positions[0] - before).max() < 2.0 * (command.times[0] + 0.01), 'rad/s'
+    assert commands > 100 and one.runner.campaign.accepted == 3
+
+
 def test_a_force_that_jumps_across_the_contact_is_seen():
     one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
     # along x, so that the magnitude changes little

@@ -62,6 +62,8 @@ def test_means_are_not_biased():
         (SensorModel.ideal(), 1e-4, 1e-8),
         (SensorModel(joint_noise=1e-5, force_noise=0.12), 0.12, 8e-6),
         (SensorModel(joint_rate=500.0, wrench_rate=1000.0), 0.02, 2e-6),
+        (SensorModel(joint_rate=1000.0, wrench_rate=1000.0), 0.02, 2e-6),
+        (SensorModel(joint_rate=50.0, wrench_rate=50.0), 0.1, 2e-6),
         (SensorModel(joint_rate=30.0, wrench_rate=50.0), 0.1, 2e-6),
         (SensorModel(joint_rate=125.0, wrench_rate=40.0, jitter=0.15), 0.1, 2e-6),
         (SensorModel(force_noise=0.01, bias=(-3.0, 2.5), resolution=1e-5), 0.02, 6e-6),
