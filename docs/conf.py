@@ -18,7 +18,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE / '_ext')]
 from scara_kinetostatic import __version__  # noqa: E402  the checkout is on the path only now
 from scara_kinetostatic.threads import process_of_one_thread  # noqa: E402
 
-process_of_one_thread()  # pages that calibrate
+process_of_one_thread()  # the catalogue of effects diagnoses a robot for each
 
 project = 'scara_kinetostatic'
 author = 'scara_kinetostatic maintainers'

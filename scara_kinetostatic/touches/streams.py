@@ -200,6 +200,8 @@ class WrenchFrame:
             like = [each for each in self._turns(start) if each.endswith(NAMES[self._stated])]
             named = f'{like[0]} if that is it' if like else f'its name, {start} where that is not turned against it'
             unknown = f'frame_id {frame_id!r} is no known frame ({known}), nor fixed to one on /tf_static'
+            if name:
+                unknown = f'frame_id {frame_id!r} is fixed to {name}, but {like[0]}, turned against it, is nearer'
             remedy = f'set sensor.{stated}_frame, the name of the {stated}, to {named}, or state sensor.rotation'
             return f'{unknown}; forces are taken as in the {stated}: {remedy}'
         how = f'is fixed to {name}' if name != start else f'is a frame of the {frame.value}'
@@ -209,14 +211,20 @@ class WrenchFrame:
     def _known_frame(self, start: str) -> tuple[SensorFrame | None, str, Floats]:
         """The frame with a usual name that is fixed to one, its name and the rotation into it.
 
-        That which the cell states counts before the other, a nearer one before one that is farther off.
+        That which the cell states counts before the other, a nearer one before one that is farther off. None, with the
+        name: something nearer that is turned against it is called like a base; as of one of two arms in one world.
         """
         turns = self._turns(start)
         for frame in sorted(self._names, key=lambda frame: frame is not self._stated):
-            for usual in self._names[frame]:
+            for usual in (usuals := self._names[frame]):
+                nearer = list[Floats]()  # of what may be the base of this arm, where none is named
                 for name, turn in turns.items():
-                    if usual in (name, name.rpartition('/')[2], name.removeprefix(self._prefix)):
-                        return frame, name, turn
+                    called = {name, name.rpartition('/')[2], name.removeprefix(self._prefix)}
+                    if usual in called:
+                        is_doubtful = any(not np.allclose(other, turn, rtol=0, atol=1e-9) for other in nearer)
+                        return (None, name, turns[start]) if is_doubtful else (frame, name, turn)
+                    if frame is self._stated is SensorFrame.BASE and len(usuals) > 1 and called.isdisjoint(usuals):
+                        nearer += [turn] if name.endswith(usuals) else []
         return None, '', turns[start]
 
     def _turns(self, start: str) -> dict[str, Floats]:

@@ -118,6 +118,26 @@ def test_the_frame_of_the_description_counts_before_others_of_the_same_side():
     assert frame.description('world') == 'forces turned by 90 degrees from world into base_link'
 
 
+@pytest.mark.parametrize('root', ['world', 'base_link'])
+def test_the_root_of_two_arms_is_not_the_base_of_one(root):
+    """As of dual-arm cells, and of an arm on a vehicle: what is nearer and called like a base is turned against it."""
+    arms = (root, 'left_base_link', about_z(30)), ('left_base_link', 'left_ft', about_z(90))
+    said = (frame := tree(SensorFrame.BASE, *arms)).complaint('left_ft')
+    assert f'is fixed to {root}, but left_base_link, turned against it, is nearer' in said
+    assert 'set sensor.base_frame, the name of the base, to left_base_link if that is it' in said
+    assert frame.turn('left_ft') is None and frame.complaint('left_base_link') and not frame.complaint(root)
+    for name, turned in (('left_base_link', 90), (root, 120)):
+        named = WrenchFrame(replace(PAPER_CELL, sensor=Sensor(frame=SensorFrame.BASE, base_frame=name)))
+        for transform in arms:
+            named.add(FixedTransform(*transform))
+        assert not named.complaint('left_ft') and f'by {turned} degrees' in named.description('left_ft')
+    along = tree(SensorFrame.BASE, (root, 'left_base_link', NO_TURN), arms[1])
+    assert not along.complaint('left_ft') and 'by 90 degrees' in along.description('left_ft')
+    assert 'states sensor.frame: tool' in tree(SensorFrame.TOOL, *arms).complaint('left_ft')
+    known = tree(SensorFrame.BASE, (root, 'left/base', about_z(180)), ('left/base', 'ft', about_z(90)))
+    assert not known.complaint('ft') and 'left/base' not in known.complaint('left/base')
+
+
 @pytest.mark.parametrize(
     'transforms',
     [
