@@ -234,6 +234,7 @@ class Runner:
                 self._interrupt(fault)
             else:  # while retracting: it stands
                 self._script = None
+                self._add(f'not retracted: {fault}')
             return self._stand()
         except (ScaraKinetostaticError, BrokenExecutor, OSError) as error:  # of the calibrating process, too
             self._give_up(Fault(str(error)))
@@ -860,9 +861,12 @@ class Runner:
             yield
         self._motion, self._contact = None, False
         if self.senses.force > self._free_limit and not self.senses.problem(self._now):
-            text = f'{self.status.text}; {self.senses.force:.1f} N remain after retracting: a force in free motion'
-            self.status = self.status._replace(text=text)
-            self.end = End(3, text)
+            self._add(f'{self.senses.force:.1f} N remain after retracting: a force in free motion')
+
+    def _add(self, text: str) -> None:
+        """What has gone wrong at the end."""
+        self.status = self.status._replace(text=f'{self.status.text}; {text}', is_fault=True)
+        self.end = End(3, self.status.text)
 
     @property
     def _free_limit(self) -> float:

@@ -26,7 +26,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Poses, Space
 from scara_kinetostatic.planning.planner import Planner
-from scara_kinetostatic.running.campaign import Campaign, Knowledge, calibrated, clear_start
+from scara_kinetostatic.running.campaign import Campaign, End, Knowledge, calibrated, clear_start
 from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Track
 from scara_kinetostatic.running.robot import Fault as PlannedFault
 from scara_kinetostatic.running.runner import Runner
@@ -907,6 +907,19 @@ def test_a_robot_that_is_driven_beyond_its_way_is_stopped():
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'ahead on its way' in one.runner.status.text
     assert one.plant.peak_force < CELL.touch.max_force
+
+
+def test_a_stop_that_the_robot_does_not_obey_is_said():
+    """As of a controller that is not active, and is commanded by messages, which it drops without a word."""
+    one = rehearsal()
+    until_phase(one, 'press', 0.4)
+    one.plant.active = False
+    assert not one.runner.obstacle(), 'nothing is known yet'
+    one.runner.stop('stopped')
+    one.run(longest=1.0)
+    assert one.runner.is_over and one.runner.status.is_fault and one.plant.body.touched
+    assert one.runner.status.text.startswith('stopped; not retracted: the robot stands ')
+    assert one.runner.end == End(3, one.runner.status.text)
 
 
 def test_a_retract_waits_for_the_robot():
