@@ -266,14 +266,14 @@ def draw(task: Task) -> tuple[Setup, ExtendedModel, TouchSet]:
         listed = [listed[k] for k in sorted(kept)]
     effects = (*listed, *others)
     values = [
-        _values(effect, factor * np.array(sizes.get(effect.label, sizes.get(effect.name, 0.0))), random)
+        errors_of(effect, factor * np.array(sizes.get(effect.label, sizes.get(effect.name, 0.0))), random)
         for effect in effects
     ]
     robot = ExtendedModel(setup.truth, effects, tuple(values)) if factor else ExtendedModel(setup.truth)
     return setup._replace(cell=cell), robot, simulate_touches(setup.cell, robot, setup.plan, NOISE, task.seed)
 
 
-def _values(effect: Effect, size: Floats, random: np.random.Generator) -> tuple[float, ...]:
+def errors_of(effect: Effect, size: Floats, random: np.random.Generator) -> tuple[float, ...]:
     """Normal with a size; a wave of any phase and of the frequencies of gears, a step between any two touches."""
     signs = np.array([p.sign for p in effect.parameters])
     drawn = size * random.standard_normal(len(signs))

@@ -27,7 +27,7 @@ ARGUMENTS = {
     'command': '--runs 1',
     'compensation': '--calibrations 2 --poses 5 --timed 1000',
     'contour': '--runs 1',
-    'design': '--number 2 --grades 1',
+    'design': '--number 2 --grades 1 --robots 1',
     'diagnosis': '--seeds 1 --clean 2 --only clean --jobs 1',
     'dial_gauge': '--number 2',
     'drift': '--calibrations 1 --alarm-touches 20 --pairs 2',

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.population import SIZES
-from benchmark.population import _values as errors_of
+from benchmark.population import SIZES, errors_of
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
