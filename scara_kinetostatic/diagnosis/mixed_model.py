@@ -73,7 +73,7 @@ _LARGEST_RATIO = 3**0.5
 _OF_EXPECTED = 0.5
 """Part of the variance of log τ that counts for touches to be made: the sizes of a robot with typical ones scatter, and
 the logarithms that touches show of them lie below. Source: `benchmark.design`, where calibrations of simulated robots
-state 1.02 times what is so predicted (median); in a trial on fewer, with all of it 0.75 to 0.9, with nothing 1.15 to 1.3.
+state 1.02 times what is so predicted (median); in an earlier trial all of it gave 0.75 to 0.9, nothing 1.15 to 1.3.
 """
 _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
