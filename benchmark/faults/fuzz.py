@@ -110,7 +110,7 @@ def _with_status(table: PoseTable) -> str:
 def _history(path: Path) -> None:
     """Lists, adds and removes, as the verb does."""
     History(path).entries()
-    History(path, create=True).remove([1])
+    History(path, create=True).extract([1], remove=True)
 
 
 def _outcome(kind: Kind, path: Path) -> tuple[float, str]:
