@@ -358,8 +358,7 @@ def advice(evidence: Evidence) -> str:
     items = max(kinds.values(), key=lambda alike: sum(item.tip**2 for item in alike))
     largest, d = max(items, key=lambda item: item.tip), evidence.diagnosis
     if largest.kind == RIVALS:
-        touches = 'make the touches that tell the possible causes apart'
-        return f'{to_discriminate(d) if d.discriminating == () else touches}: the choice among them dominates'
+        return 'make the touches that tell the possible causes apart: the choice among them dominates'
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
@@ -378,10 +377,6 @@ def to_discriminate(d: Diagnosis) -> str:
     """What tells rivals apart: touches or, where no touch would, another measurement; empty if nothing is known."""
     effects = d.effects_by_label()
     labels = [label for group in d.rivals for label in group[:4] if label in effects]
-    if labels and d.discriminating == ():
-        effect = effects[labels[0]]
-        fixed = ' '.join(f"--fix '{effect.label}.{parameter.name}=VALUE'" for parameter in effect.parameters)
-        return f'measure one of the causes by other means and hold it (true less stated, SI), such as by {fixed}'
     touches = dict.fromkeys(effects[label].identified_by for label in labels)
     return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
 

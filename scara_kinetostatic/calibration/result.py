@@ -58,6 +58,23 @@ class Estimate(NamedTuple):
         return cls(value, std, unit, 'confounded' if np.isnan(std) else 'estimated', nominal)
 
 
+class Alternative(NamedTuple):
+    """One of the sets of effects that may be gross, and the values if it is this one.
+
+    Attributes:
+        effects: their labels; none where no effect is gross.
+        probability: of the set; those of all alternatives add up to 1.
+        change: of all values of the model, the declared errors and the random effects from those of the calibration,
+            (12 + k + m + r,), in the units of `Calibration.covariance_with_errors`.
+        covariance: of these, (12 + k + m + r, 12 + k + m + r).
+    """
+
+    effects: tuple[str, ...]
+    probability: float
+    change: Floats
+    covariance: Floats
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """The calibrated model with its uncertainty, and the residual of every touch. Its arrays are read-only.
@@ -81,6 +98,7 @@ class Calibration:
         random: the random effects, at all touches; None for none.
         random_values: estimates of these in units of their sizes, (r,).
         known: what is known beforehand of the values of effects; None for nothing.
+        alternatives: the sets of effects of which it is the mean; empty where it is no mean.
         contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
         touches: all touches that were not left out, used or not.
         used: which took part in the fit, (n,).
@@ -134,6 +152,7 @@ class Calibration:
     random: RandomEffects | None = None
     random_values: Floats = field(default_factory=lambda: NO_ERRORS)
     known: Prior | None = None
+    alternatives: tuple[Alternative, ...] = ()
 
     def __post_init__(self) -> None:
         covariances = ('covariance', 'covariance_with_errors', 'random_values')

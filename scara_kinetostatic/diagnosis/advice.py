@@ -11,7 +11,7 @@ from scara_kinetostatic.calibration.noise_estimation import reading_noise
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
-from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, DiscriminatingTouch, Found
+from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found
 from scara_kinetostatic.diagnosis.search import Moment
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import rms
@@ -84,17 +84,6 @@ def many_small(p_value: float, suspected: Sequence[Found]) -> str:
     return joined(text, f'suspected, beyond their typical size: {"; ".join(known[:_MOST_NAMES])}' if known else '')
 
 
-def gross(suspected: Sequence[Found]) -> str:
-    """Message where effects that are not named are far beyond typical; empty if none is."""
-    if not suspected:
-        return ''
-    names = _enumerated([item.effect.title for item in suspected])
-    return (
-        f'large errors explain the touches, but no few of them do; suspected: {names}. Mend what is known to be wrong '
-        '(discs, sensor, gravity), and record again'
-    )
-
-
 def fixed_parameters(c: Calibration) -> str:
     """Message where parameters are fixed and a model error was found."""
     if not c.fixed:
@@ -116,7 +105,6 @@ def open_questions(
     rivals: Sequence[Sequence[str]],
     remaining: Sequence[Dependence],
     known: Sequence[Effect],
-    discriminating: Sequence[DiscriminatingTouch] | None = None,
 ) -> str:
     """What the extended model leaves open: rivals, fitted curves, lack of fit.
 
@@ -126,32 +114,22 @@ def open_questions(
         rivals: labels of effects that the touches cannot distinguish.
         remaining: what the residual of the extended model depends on.
         known: the catalogue.
-        discriminating: touches that would distinguish the rivals; None where they were not looked for.
     """
     return joined(
-        *_distinguish(rivals, known, discriminating),
+        *_distinguish(rivals, known),
         *(_about_curve(item) for item in found if not item.effect.is_physical),
         _remaining(verdict, found, remaining),
     )
 
 
-def _distinguish(
-    rivals: Sequence[Sequence[str]], known: Sequence[Effect], discriminating: Sequence[DiscriminatingTouch] | None
-) -> list[str]:
+def _distinguish(rivals: Sequence[Sequence[str]], known: Sequence[Effect]) -> list[str]:
     """Which rivals there are, and which touches would distinguish them."""
     by_label = {effect.label: effect for effect in known}
     sentences = []
     for group in rivals:
-        text = f'these touches cannot distinguish {_enumerated(group)}'
         touches = dict.fromkeys(by_label[label].identified_by for label in group[:_MOST_NAMES] if label in by_label)
-        sentences.append(f'{text}; to discriminate, record {"; or ".join(touches)}' if discriminating != () else text)
-    if discriminating:
-        touches_text = '; '.join(map(str, discriminating))
-        sentences.append(
-            f'their predictions differ most at: {touches_text}; repeat such touches until one is ruled out'
-        )
-    elif discriminating is not None:
-        sentences.append('no touch on these discs would distinguish them; measure one by other means, and fix it')
+        text = f'these touches cannot distinguish {_enumerated(group)}'
+        sentences.append(f'{text}; to discriminate, record {"; or ".join(touches)}' if touches else text)
     return sentences
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
+from scara_kinetostatic.diagnosis.linear_problem import Problem, f_test, fitted_effects
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
@@ -23,6 +23,7 @@ class Candidate(NamedTuple):
         unit: orthonormal basis of what its columns add to those of the base model, (2n, r).
         independent_part: largest part of a unit column of it that is independent of the base model.
         tried: how many trials the effect has.
+        share: of the trial, with those about it, in all that the effect has.
     """
 
     effect: Effect
@@ -30,16 +31,7 @@ class Candidate(NamedTuple):
     unit: Floats
     independent_part: float
     tried: int
-
-    @property
-    def freedoms(self) -> int:
-        """Parameters of the effect that are identifiable beside the base model."""
-        return self.unit.shape[1] + len(self.effect.parameters) - len(self.trial.columns)
-
-    @property
-    def searched(self) -> int:
-        """Those of them that are searched: a moment, a frequency or a friction, 1 or 0."""
-        return max(self.freedoms - len(self.effect.parameters) + 1, 0) if self.tried > 1 else 0
+    share: float = 1.0
 
 
 class Scan(NamedTuple):
@@ -63,9 +55,9 @@ class Scan(NamedTuple):
     gram: Floats
     projected: Floats
 
-    def candidate(self, problem: Problem, k: int) -> Candidate:
-        """The effect at one of the trials."""
-        return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[:, k]), self.tried)
+    def candidate(self, problem: Problem, k: int, share: float) -> Candidate:
+        """The effect at one of the trials, of some share."""
+        return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[:, k]), self.tried, share)
 
     def best(self, problem: Problem, taken: set[int], beside: Floats | None = None) -> Candidate | None:
         """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it is among those
@@ -80,6 +72,8 @@ class Scan(NamedTuple):
         if place in taken:
             return None
         taken.add(place)
+        part = 0.5 if scan.effect.usual_trials(problem.touch_state) else 1.0
+        share = part * float(np.exp((gained - gained[k]) / 2).sum()) / len(gained)
         known = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
         total, most, width = float(problem.left @ problem.left) - known, float(gained[k]), 1.0
         for _ in range(4):
@@ -93,7 +87,7 @@ class Scan(NamedTuple):
             if most - before < 0.3 * max(total - most, 0.0) / problem.freedoms:
                 break
             width *= 2 / (len(finer) - 1)
-        return scan.candidate(problem, k)
+        return scan.candidate(problem, k, share)
 
 
 class CandidateSet(NamedTuple):
@@ -112,7 +106,7 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
     """The candidates among effects.
 
     An effect with many trials (an unknown frequency) is a candidate at the trial that explains
-    most by itself, at those that explain most beside one of the other candidates, and as already fitted.
+    most by itself, and at those that explain most beside one of the other candidates; one of the fit as it is there.
 
     Args:
         problem: the touches.
@@ -123,6 +117,9 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
     found: list[Candidate] = []
     unidentifiable, scans, single = [], [], []
     for effect in effects:
+        if effect.label in fitted:
+            found.append(as_fitted(problem, effect, fitted[effect.label]))
+            continue
         trials = effect.trials(problem.touch_state, problem.force)
         if len(trials) == 1:
             single.append((effect, trials[0]))
@@ -134,9 +131,7 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
             unidentifiable.append(Ranked.unidentifiable(effect, scan.independent_part))
     for (effect, trial), columns_and_noise in zip(single, problem.columns_and_noise(single), strict=True):
         unit, part = problem.independent_part(*columns_and_noise)
-        if effect.label in fitted and not effect.is_linear:
-            found.append(as_fitted(problem, effect, fitted[effect.label], 1))
-        elif unit.shape[1]:
+        if unit.shape[1]:
             found.append(Candidate(effect, trial, unit, part, 1))
         else:
             unidentifiable.append(Ranked.unidentifiable(effect, part))
@@ -150,20 +145,34 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
         found += filter(None, (first, *beside))
         if usual := scan.effect.usual_trials(problem.touch_state):
             few = scan_trials(problem, scan.effect, usual, len(usual))
-            found += [item for k in range(len(usual)) if (item := few.candidate(problem, k)).unit.size]
-        if scan.effect.label in fitted:
-            found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
+            share = 0.5 / len(usual)  # all others together are as likely
+            found += [item for k in range(len(usual)) if (item := few.candidate(problem, k, share)).unit.size]
     labels = {candidate.effect.label for candidate in found}
     others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
     return CandidateSet(tuple(found), tuple(others.values()))
 
 
-def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
-    """A nonlinear effect linearised at fitted values."""
-    at, reported = problem.touch_state, problem.force
-    errors = effect.sensor_error_derivative(reported, values, at.metadata)
-    trial = Trial(effect.derivative(at, values), errors, lambda _: values)
-    return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), tried)
+def as_fitted(problem: Problem, effect: Effect, values: Floats) -> Candidate:
+    """An effect of the fit at its values: at its place on the grid, or linearised."""
+    at = problem.touch_state
+    trials, usual = effect.trials(at, problem.force), effect.usual_trials(at)
+    if len(trials) == 1:
+        errors = effect.sensor_error_derivative(problem.force, values, at.metadata)
+        trial = Trial(effect.derivative(at, values), errors)
+        return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), 1)
+    place = float(values[effect.grid_parameter_index])
+
+    def off(trial: Trial) -> float:
+        return abs(trial.place - place)
+
+    nearest = min(trials, key=off)
+    nearest = min((nearest, *effect.finer(at, nearest._replace(place=place), 0.0)), key=off)
+    scan = scan_trials(problem, effect, [*trials, *usual, nearest], len(trials))
+    *gained, here = gains(problem, scan)
+    part = 0.5 if usual else 1.0
+    prior = np.repeat([part / len(trials), (1 - part) / max(len(usual), 1)], [len(trials), len(usual)])
+    share = float(prior @ np.exp(np.minimum(gained - here, 0.0) / 2))
+    return scan.candidate(problem, len(gained), share)
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
@@ -209,3 +218,12 @@ def all_candidates(problem: Problem, effects: Sequence[Effect], together: bool =
     discs = [disc.name for disc in problem.calibration.cell.discs]
     curves = empirical_effects(problem.touch_state, discs, problem.one_level)
     return gather(problem, [*effects, *curves], together)
+
+
+def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
+    """F-test of one candidate (Bonferroni over its trials), and the part of the sum of squares it explains.
+
+    A fitted effect may add nothing that is independent of the base model; then it is not significant.
+    """
+    p_value, share = f_test(candidate.unit, problem.left, problem.freedoms) or (1.0, 0.0)
+    return min(1.0, candidate.tried * p_value), share

@@ -16,19 +16,12 @@ from that touch alone is -u·r / u·u, with standard deviation 1/|u|. A displace
 normal, which friction turns away from the direction of the force. After: r of the extended model. Before, without the
 effect and its rivals: r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those
 that stay. The second term is the part of the deviation that is expected before.
-
-**Discrimination of rivals**: touches at which their predictions of the force, each fitted to the data, differ most.
-From a pool of touches all around the discs, in both elbow postures, at three force levels, pressed to the force or
-preloaded beyond it and unloaded to it, those are chosen at which the predictions differ most in standard
-deviations of a measured force, Σ_F + A_Q Σ_Q A_Qᵀ: the criterion of T-optimality (Atkinson and Fedorov,
-Biometrika 62 (1975) 57).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -39,18 +32,14 @@ from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
-from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
+from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import Trial, at_joint
-from scara_kinetostatic.effects.variables import slide
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Mask, pick, rms
-from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, drag, inverse_kinetostatics, press_aside
-from scara_kinetostatic.model.touch import LATER, TouchSet
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 
 
 class TipError(NamedTuple):
@@ -378,93 +367,3 @@ def _largest_channel(problem: Problem, item: Found) -> tuple[str, float, Floats]
     ]
     largest = int(np.argmax(sizes))
     return *rows[largest][:2], columns[largest]
-
-
-def discriminating_touches(
-    calibration: Calibration, rivals: Sequence[Calibration], most: int = 4
-) -> tuple[DiscriminatingTouch, ...]:
-    """The touches that discriminate best between fitted rivals, one per disc and side.
-
-    Args:
-        calibration: the base model; its touches give the force levels.
-        rivals: the same touches fitted with each rival, two or more.
-        most: how many touches at most.
-    """
-    pool, angle, is_unloaded = _pool(calibration)
-    difference, in_std = np.zeros(len(pool)), np.zeros(len(pool))
-    for (one, by_joints, noise), (other, *_) in combinations([(*_predict(pool, fit), fit.noise) for fit in rivals], 2):
-        distance = np.nan_to_num(np.hypot(*(one - other).T))
-        along = np.nan_to_num((one - other) / np.maximum(distance, 1e-12)[:, None])
-        turned = noise.joint_levels * np.einsum('nij,ni->nj', by_joints, along)
-        grown = noise.growth**2 * np.nan_to_num(one**2).sum(axis=1)
-        ratio = distance / np.sqrt(noise.force_rms**2 + grown + (turned**2).sum(axis=1))
-        difference, in_std = np.where(ratio > in_std, distance, difference), np.maximum(ratio, in_std)
-    chosen: list[int] = []
-    for k in np.argsort(-in_std):
-        # of two touches on a disc with less than 60° between them one is enough
-        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > 0.5 for j in chosen)
-        if in_std[k] >= 2.0 and not is_near and len(chosen) < most:
-            chosen.append(int(k))
-    names, magnitude = np.array([disc.name for disc in calibration.cell.discs])[pool.disc], np.hypot(*pool.force.T)
-    columns = names, angle, pool.posture, magnitude, is_unloaded, difference, in_std
-    return tuple(starmap(DiscriminatingTouch, zip(*(column[chosen].tolist() for column in columns), strict=True)))
-
-
-def _predict(pool: TouchSet, fit: Calibration) -> tuple[Floats, Floats]:
-    """The forces F that a fit predicts for touches, (n, 2), N, NaN where it reaches none; ∂F/∂Q, (n, 2, 2)."""
-    o, model = observe(pool, replace(fit.cell, sensor=fit.cell.sensor._replace(frame=SensorFrame.BASE))), fit.model
-    touched = o.joints, o.centers, o.radii, o.gripper
-    found = contact(model, *touched, warm_start=pool.force, metadata=o.metadata, tangents=o.tangents)
-    reached = (found.solved & (found.magnitude > 0))[:, None]
-    return np.where(reached, found.force, np.nan), contact_derivatives(model, found).joints
-
-
-def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:
-    """Touches to choose from, their places on the discs, and whether they are unloaded to their force.
-
-    Their forces, in the history too, are in the base frame, whatever that of the sensor is.
-    """
-    cell, p = calibration.cell, calibration.parameters
-    magnitude = np.hypot(*calibration.force.T)
-    levels = np.unique(np.round(np.quantile(magnitude, (0.05, 0.5, 0.95)), 0))
-    disc, direction, posture, level, is_unloaded = (
-        axis.ravel()
-        for axis in np.meshgrid(
-            np.arange(len(cell.discs)), np.arange(24), (1, -1), levels, (False, True), indexing='ij'
-        )
-    )
-    angle = 2 * np.pi * direction / 24
-    outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    tip, surface = cell.centers[disc] + cell.radii[disc, None] * outward, np.full(len(disc), -1)
-    if cell.has_outlines:
-        surface, part = cell.surfaces.places(disc, angle)
-        tip, outward = cell.surfaces.select(surface).at(part)
-    reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
-    length = p.l1 + p.l2
-    reachable = (reach < 0.95 * length) & (reach > (1 - 0.95) * length + abs(p.l1 - p.l2))
-    parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward, surface)]
-    disc, angle, posture, level, is_unloaded, tip, outward, surface = parts
-    joints = inverse_kinetostatics(p, tip, -level[:, None] * outward, posture, cell.gripper_sign)[0]
-    held = cell.can_take(joints)  # within the limits; an arm that is grossly off cannot hold all of them
-    parts = [array[held] for array in (disc, angle, posture, level, is_unloaded, outward, surface, joints)]
-    disc, angle, posture, level, is_unloaded, outward, surface, joints = parts
-
-    # unloaded touches are preloaded by 30 % beyond the force
-    before = np.where(is_unloaded, (1 + 0.3) * level, 0.0)
-    is_dragged = np.median(np.abs(slide(pose_problem(calibration).touch_state))) > 0.9
-    aside = is_dragged * drag(angle, posture) * np.where(is_unloaded, -1, 1)
-    motion = press_aside(p, joints, (before - level)[:, None] * outward, aside)
-    peak = np.where(is_unloaded, before, 0.0)[:, None] * -outward
-    pool = TouchSet(
-        joints=joints,
-        force=-level[:, None] * outward,
-        disc=disc,
-        posture=posture,
-        time=np.full(len(disc), float(calibration.touches.time.max())),
-        approach=motion,
-        press=motion,
-        history=np.concatenate([joints - motion, peak], axis=1)[:, None],
-        order=np.full(len(disc), LATER),
-        surface=surface,
-    )
-    return pool, angle, is_unloaded

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from scipy import special
@@ -18,16 +19,12 @@ from scipy import special
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
-from scara_kinetostatic.diagnosis.candidates import all_candidates
-from scara_kinetostatic.diagnosis.comparison import discriminating_touches
-from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, adequacy, off_normal_p_value
+from scara_kinetostatic.diagnosis.lack_of_fit import adequacy, find_dependences, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
-    CREDIBLE,
+    FRICTION_SIGNIFICANCE,
     SIGNIFICANCE,
     STRICT_SIGNIFICANCE,
-    Problem,
     fitted_effects,
-    pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import (
     averaged,
@@ -36,17 +33,28 @@ from scara_kinetostatic.diagnosis.mixed_model import (
     with_places,
     with_projection,
 )
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, significance
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
-from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.search import Moment, Rivals, Search, fit_rivals, likeliest, moments
+from scara_kinetostatic.diagnosis.odds import UNNAMED
+from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
+from scara_kinetostatic.diagnosis.search import (
+    FOUND,
+    LEAST,
+    POSSIBLE,
+    SEEN,
+    Moment,
+    Search,
+    likeliest,
+    moments,
+    settled,
+)
+from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arrays import Floats
 
-_GROSS = 10.0
-"""Typical sizes beyond which an effect that is not named is no small error: the model is then not explained."""
+_MOST_NAMED = 5
+"""Effects of several likely sets that are fitted together at most."""
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
@@ -147,97 +155,124 @@ def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -
 
 
 def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, float]:
-    """Test the base model, find what stands out of the mixed model, and report nothing, a lack of fit or an extended
-    model; and the deviance of the mixed model.
+    """Weigh what may be missing, and report nothing, a lack of fit or an extended model; with the deviance of the model.
 
-    Where uncertainties are declared, half of the false alarms that are accepted are those of tests of what they are
-    about (weighted Bonferroni: Genovese, Roeder and Wasserman, Biometrika 93 (2006) 509).
+    The p-value is that of "no effect is gross": the inverse of its Bayes factor, which is smaller than p with a
+    probability of at most p where nothing is missing; or, where the noise is stated, of the chi-square of the mixed
+    model.
     """
-    problem = pose_problem(c)
-    candidate_set = all_candidates(problem, known, together=False)
-    fit, off_normal = adequacy(c, problem, candidate_set), off_normal_p_value(c)
-    halves = 2 if fit.declared_p_value is not None or c.trusted else 1
-    declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
-    p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * max(_shares(c), 1) * declared)
-    implausible = '; '.join(advice.implausible_noise(c) or ())
-    if p_value >= SIGNIFICANCE and not implausible and c.used.all():
-        ranking = _ranking(problem, score_subsets(problem, candidate_set, together=False))
-        mixed = fit_mixed(c, known)
-        refitted = with_large_effects(mixed.fit, mixed) if mixed.fit.random is not None else None
-        nothing = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
-        return nothing, mixed.deviance
-    found = likeliest(c, known, off_normal < SIGNIFICANCE / 2)
-    if found.has_names and found.lead >= CREDIBLE:
-        p_value = min(p_value, float(np.exp(-found.lead / 2)))
-    alarm = p_value < (SIGNIFICANCE if found.has_names else STRICT_SIGNIFICANCE) or bool(implausible)
-    if alarm and found.has_names:
-        return _with_extended_model(c, p_value, fit.dependences, found, known), found.deviance
-    after, gross = adequacy(found.fit), advice.gross(suspects(found.fit, _GROSS)) if alarm and fit.dependences else ''
-    ranking = _ranking(found.problem, found.scored_subsets)
+    plain = weigh(fit_mixed(c, known), known)
+    off_normal, implausible = off_normal_p_value(c), '; '.join(advice.implausible_noise(c) or ())
+    is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
+    if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
+        return _without_effects(c, plain), plain.deviance
+    found = likeliest(c, known, off_normal < FRICTION_SIGNIFICANCE)
+    found = settled(found, known, [effect.label for effect in found.named])
+    if not found.angles and found.weighed.odds.none >= POSSIBLE:
+        if _chi_square_p_value(found.fit) >= STRICT_SIGNIFICANCE and not implausible:
+            return _without_effects(c, plain), plain.deviance
+    elif found.angles or found.named:
+        return _with_extended_model(c, found, known), found.deviance
+    weighed, dependences = found.weighed, find_dependences(c)
+    significant = tuple(item for item in dependences if item.p_value * len(dependences) < SIGNIFICANCE)
     # noise stated too small is no model error
-    is_mixed = found.fit.random is not None and (fit.dependences or not alarm)
-    refitted = with_large_effects(found.fit, found.model) if is_mixed else None
-    if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable and not gross):
-        many = advice.many_small(p_value, suspects(found.fit)) if alarm else ''
-        verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
-        return replace(verdict, remaining_p_value=after.p_value if alarm else p_value), found.deviance
+    refitted = _averaged(weighed, weighed.model.fit) if significant else None
     return Diagnosis(
         verdict='unexplained',
-        p_value=p_value,
-        dependences=fit.dependences,
-        remaining=after.dependences,
-        remaining_p_value=after.p_value,
-        ranking=ranking,
+        p_value=_p_value(found),
+        dependences=significant,
+        remaining=significant,
+        remaining_p_value=_p_value(found),
+        ranking=weighed.ranking({}),
         refitted=refitted,
-        advice=implausible or gross or advice.unexplained(c, fit.dependences),
+        probabilities=found.probabilities,
+        inclusion=found.inclusion,
+        advice=implausible or advice.unexplained(c, significant),
     ), found.deviance
 
 
-def _with_extended_model(
-    c: Calibration, p_value: float, dependences: tuple[Dependence, ...], found: Search, known: tuple[Effect, ...]
-) -> Diagnosis:
-    """The diagnosis with an extended model: verdict, effects, rivals, what would decide between them.
+def _without_effects(c: Calibration, plain: Weighed) -> Diagnosis:
+    """The diagnosis where nothing is shown to be missing."""
+    found, fit = Search(plain, c), plain.model.fit
+    refitted = _averaged(plain, fit) if fit.random is not None else None
+    many = advice.many_small(c.p_value, suspects(fit)) if c.noise_source == 'given' and c.p_value < SIGNIFICANCE else ''
+    p_value = _p_value(found)
+    return Diagnosis(
+        'none',
+        p_value,
+        remaining_p_value=p_value,
+        ranking=plain.ranking({}),
+        refitted=refitted,
+        probabilities=found.probabilities,
+        inclusion=found.inclusion,
+        advice=many,
+    )
+
+
+def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
+    """The mean over the sets of effects, and what large effects that are not seen may change."""
+    seen = weighed.odds.none < 1 - SEEN
+    return with_large_effects(averaged(fit, weighed.alternatives(LEAST)) if seen else fit, weighed.model)
+
+
+def _chi_square_p_value(fit: Calibration) -> float:
+    """P-value of the residual of a mixed model beside stated noise; 1 where the noise is estimated."""
+    return fit.p_value if fit.noise_source == 'given' else 1.0
+
+
+def _p_value(found: Search) -> float:
+    """P-value of "no effect is gross" (see `_examine`)."""
+    return min(1.0, found.none / max(1 - found.none, 1e-300), 4 * _chi_square_p_value(found.fit))
+
+
+def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis with an extended model: verdict, effects, rivals.
 
     Args:
         c: the base model.
-        p_value: of "it is complete".
-        dependences: what its residual depends on.
-        found: the effects that are named.
+        found: the effects that may be missing.
         known: the catalogue.
     """
-    likely = Rivals()
-    if found.rivals:
-        found, likely = fit_rivals(found, known)
+    p_value, named = _p_value(found), [effect.label for effect in found.named]
+    wanted = [label for label in (*found.found, *chain(*found.rivals)) if label != found.angles]
+    if not found.found or found.rivals:
+        wanted = [*wanted, *named]
+    # a wave without an amplitude has no phase: rivals like it stay among what is not named, where they are linear
+    is_wave = {item.effect.label: bool(item.effect.grid_parameter) for item in found.weighed.candidates.candidates}
+    wanted = [label for label in dict.fromkeys(wanted) if label in named or not is_wave[label]][:_MOST_NAMED]
+    if set(wanted) != set(named):
+        found = settled(found, known, wanted)
     when = moments(found.fit)
+    included = found.inclusion
     # in the union of rivals one may stand for the other at any place; each by itself has its own
-    fit = _with_moments(found.fit, [item for item in when if item.effect.label in found.in_every_model])
-    after = adequacy(fit)
-    every = [_with_moments(one.fit, moments(one.fit)) for one in (*likely.models, *likely.more_general)]
-    rivals, general = every[: len(likely.models)], every[len(likely.models) :]
-    fit = with_large_effects(averaged(fit, rivals, general, likely.weights), found.model)
-    effects = _describe(fit, found.in_every_model, rivals)
-    verdict = _verdict(found, effects, after)
+    fit = _with_moments(found.fit, [item for item in when if included.get(item.effect.label, 0.0) >= FOUND])
+    after, rivals = adequacy(fit), found.rivals
+    fit = _averaged(found.weighed, fit)
+    effects = _describe(fit, found)
+    curves = included.get(UNNAMED, 0.0) >= 0.5
+    verdict = 'unexplained' if curves or after.p_value < STRICT_SIGNIFICANCE else 'ambiguous' if rivals else 'explained'
     if verdict == 'unexplained':
         # beside what is missing a name is no more than possible; a fitted curve names nothing
         effects = tuple(item._replace(is_possible=item.effect.is_physical) for item in effects)
-    touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
-    possible = tuple(item.effect.label for item in effects if item.is_possible)
+    roles = {label: 'rival' for group in rivals for label in group} | dict.fromkeys(found.found, 'found')
+    roles |= {item.effect.label: 'possible' for item in effects if item.is_possible}
     return Diagnosis(
         verdict=verdict,
         p_value=p_value,
         found=effects,
-        rivals=found.rivals,
+        rivals=rivals,
+        probabilities=found.probabilities,
+        inclusion=included,
         extended=fit,
-        dependences=dependences,
+        dependences=find_dependences(c)[:3],
         remaining=after.dependences,
         remaining_p_value=after.p_value,
-        ranking=_ranking(found.problem, found.scored_subsets, found, possible),
+        ranking=found.weighed.ranking(roles),
         advice=advice.joined(
             advice.moments(effects, when),
-            advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
+            advice.open_questions(verdict, effects, rivals, after.dependences, known),
             advice.large_noise(fit),
         ),
-        discriminating=touches,
     )
 
 
@@ -254,24 +289,25 @@ def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
     return fit
 
 
-def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
-    """``unexplained`` where a lack of fit remains, or where every credible model has a fitted curve in it."""
-    curves = {item.effect.label for item in effects if not item.effect.is_physical}
-    is_described = bool(curves & set(found.in_every_model)) or any(set(group) <= curves for group in found.rivals)
-    if after.p_value < SIGNIFICANCE or is_described:
-        return 'unexplained'
-    return 'ambiguous' if found.rivals else 'explained'
-
-
-def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
-    """All named effects with their values in the extended model; a rival has those of the model with it alone."""
-    alone = {fitted[0].label: _values(*fitted, rival) for rival in reversed(rivals) for fitted in fitted_effects(rival)}
-    items = []
+def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
+    """All named effects with their values, of each those that it has if it is gross."""
+    items, count = [], extended.model.base_count
     for effect, estimates, std in fitted_effects(extended):
-        values = _values(effect, estimates, std, extended)
-        if effect.label not in extended.held_effects:
-            is_certain = effect.label in in_every_model
-            items.append(Found(effect, values if is_certain else alone.get(effect.label, values), is_certain))
+        if effect.label in extended.held_effects:
+            continue
+        values, label = _values(effect, estimates, std, extended), effect.label if effect.is_physical else UNNAMED
+        with_it = [item for item in extended.alternatives if label in item.effects]
+        if with_it and effect.parameters:
+            first = extended.model.names.index(f'{effect.label}.{effect.parameters[0].name}')
+            at = slice(first, first + len(values))
+            weight = np.array([item.probability for item in with_it])
+            off = np.array([item.change[at] for item in with_it])
+            mean = weight @ off / weight.sum()
+            square = np.array([np.diag(item.covariance)[at] for item in with_it]) + (off - mean) ** 2
+            stds = np.where(np.isfinite(std), np.sqrt(weight @ square / weight.sum()), np.nan)
+            values = _values(effect, estimates + mean, stds, extended)
+        is_certain = found.inclusion.get(label, 0.0) >= FOUND or not effect.is_physical
+        items.append(Found(effect, values, is_certain))
     return tuple(items)
 
 
@@ -308,19 +344,3 @@ def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
         values = tuple(Value(p.name, float(value[j]), float(std[j]), p.unit, p.meaning) for p, j in parts)
         found[effect.label] = Found(effect, values, in_every_model=False, is_possible=True)
     return tuple(found.values())
-
-
-def _ranking(
-    problem: Problem, sets: ScoredSubsets, found: Search | None = None, possible: Sequence[str] = ()
-) -> tuple[Ranked, ...]:
-    """Every effect by itself: its scores and its role; `possible` are the labels of suspicions."""
-    rivals = {label for group in (found.rivals if found else ()) for label in group}
-    roles = dict.fromkeys(rivals, 'rival') | dict.fromkeys(found.in_every_model if found else (), 'found')
-    roles |= {label: 'possible' for label in possible if roles.get(label) == 'found'}
-    empty, ranked = sets.empty.score, dict[str, Ranked]()
-    for subset in sets.subsets:  # the best first
-        if len(subset.members) == 1 and subset.labels[0] not in ranked:
-            (label,), (candidate,) = subset.labels, subset.members
-            scores = (*significance(problem, candidate), empty - subset.score, candidate.independent_part)
-            ranked[label] = Ranked(candidate.effect, roles.get(label, 'rejected'), *scores)
-    return (*ranked.values(), *sets.unidentifiable)

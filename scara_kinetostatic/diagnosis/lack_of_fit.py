@@ -14,8 +14,7 @@ depend on the size of the stated noise.
 Source: Rao, Large sample tests of statistical hypotheses, Proc. Camb. Phil. Soc. 44 (1948) 50; for variance
 components, Verbeke and Molenberghs, Biometrics 59 (2003) 254.
 
-`adequacy` is all tests of a model: whether its residual is noise, and whether anything exceeds its declared
-uncertainty.
+`adequacy` is all tests of a model: whether its residual is noise.
 """
 
 from __future__ import annotations
@@ -31,18 +30,15 @@ from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by, whitened_square
 from scara_kinetostatic.calibration.noise_estimation import growing
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.candidates import CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import (
     FORCE_LEVELS,
     INDEPENDENT_PART_CAUTIOUS,
     SIGNIFICANCE,
-    Problem,
     f_test,
     fitted_effects,
     independent_part,
     orthonormal,
 )
-from scara_kinetostatic.diagnosis.model_selection import significance
 from scara_kinetostatic.diagnosis.result import Dependence
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch_equations import view_arm
@@ -189,47 +185,22 @@ class Adequacy(NamedTuple):
     """The test of a model.
 
     Attributes:
-        p_value: of "it is complete", Bonferroni-corrected over all tests but those of the next.
+        p_value: of "it is complete", Bonferroni-corrected over all tests.
         dependences: what the residual depends on, significant ones only, the most significant first.
-        declared_p_value: of "nothing exceeds its declared uncertainty", Bonferroni-corrected; None without any.
     """
 
     p_value: float
     dependences: tuple[Dependence, ...]
-    declared_p_value: float | None = None
 
 
-def adequacy(
-    calibration: Calibration, problem: Problem | None = None, candidate_set: CandidateSet | None = None
-) -> Adequacy:
-    """Test a model against all that its residual could depend on.
-
-    Args:
-        calibration: with or without effects.
-        problem: its linear problem.
-        candidate_set: effects to test as well; None for none.
-    """
-    c = calibration
-    dependences, declared = list(find_dependences(with_free_off_normal_angles(c))), list[Dependence]()
-    if problem is not None and candidate_set is not None:
-        best_first = {candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)}
-        for candidate in best_first.values():
-            tested = Dependence(candidate.effect.title, *significance(problem, candidate))
-            (declared if problem.is_declared(candidate.effect) else dependences).append(tested)
+def adequacy(c: Calibration) -> Adequacy:
+    """Test a model, with or without effects, against all that its residual could depend on."""
+    dependences = find_dependences(with_free_off_normal_angles(c))
     given = c.noise_source == 'given'
-    if not given and problem is not None and c.prior_cost:
-        beyond = float(special.chdtrc(len(c.errors) + c.trusted, c.prior_cost))
-        declared.append(Dependence('errors beyond what is declared', beyond, c.prior_cost / c.chi_square))
     size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
     tests = max(len(dependences) + given, 1)
-    smallest = tests * min([size, *(item.p_value for item in dependences)])
-    counted = [(item, tests) for item in dependences] + [(item, len(declared)) for item in declared]
-    significant = [item for item, number in counted if item.p_value * number < SIGNIFICANCE]
-    return Adequacy(
-        min(1.0, smallest),
-        tuple(sorted(significant, key=lambda item: item.p_value)),
-        len(declared) * min(item.p_value for item in declared) if declared else None,
-    )
+    significant = tuple(item for item in dependences if item.p_value * tests < SIGNIFICANCE)
+    return Adequacy(min(1.0, tests * min([size, *(item.p_value for item in dependences)])), significant)
 
 
 def off_normal_p_value(calibration: Calibration, beside_growing: bool = False) -> float:

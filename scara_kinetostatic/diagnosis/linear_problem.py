@@ -82,6 +82,7 @@ class Problem(NamedTuple):
         response: derivative of L̄ by y, (12, 2n).
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
         jacobian: the whitened derivatives by what the touches determine of L̄, (2n, r), not multiplied by M.
+        identifiable: that, (12, r).
         declared: labels of the sources of uncertainty that the cell description declares.
     """
 
@@ -98,6 +99,7 @@ class Problem(NamedTuple):
     response: Floats
     without_effects: Floats
     jacobian: Floats
+    identifiable: Floats
     declared: frozenset[str]
 
     @property
@@ -203,6 +205,7 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
         response=response,
         without_effects=response @ y,
         jacobian=jacobian,
+        identifiable=identifiable,
         declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
     )
 

@@ -39,6 +39,7 @@ from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, raised
 from scara_kinetostatic.calibration.result import (
+    Alternative,
     Calibration,
     Contribution,
     enlargement_of,
@@ -89,13 +90,19 @@ class MixedModel(NamedTuple):
     Attributes:
         fit: the calibration with its named effects, the random effects and the covariance of all.
         level: by what the sizes of the random effects are to be multiplied to be the robot's, or those declared, (r,).
+        typical: the same to be the typical sizes, or those declared, (r,).
+        is_free: whether the sizes of these were estimated, (r,).
         deviance: -2 log restricted likelihood and priors of the sizes, with what rejected touches cost.
+        rejected: that cost.
         solved: of the last linearisation.
     """
 
     fit: Calibration
     level: Floats
+    typical: Floats
+    is_free: Mask
     deviance: float
+    rejected: float
     solved: _Solved
 
 
@@ -262,7 +269,7 @@ def _random_sizes(c: Calibration) -> Floats:
 def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
     """Log τ to begin with: typical sizes, and of named effects their own."""
     named = slice(len(c.errors), len(c.errors) + len(_effect_places(c)))
-    squares = np.square(_amplitudes(c)[_effect_places(c)] / sizes.scale[named])
+    squares = np.square(amplitudes(c)[_effect_places(c)] / sizes.scale[named])
     squares = np.bincount(np.maximum(sizes.group[named], 0), squares, len(sizes.freedoms))
     return np.where(squares > 0, 0.5 * np.log(np.maximum(squares, 1e-4)), 0.0)
 
@@ -310,7 +317,7 @@ def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, F
     fitted = (w.derivative @ c.subspace.basis[:, :b]).reshape(rows, -1)
     by_errors = np.zeros((rows, 0)) if w.by_errors is None else w.by_errors.reshape(rows, -1)
     by_effects = w.derivative.reshape(rows, -1)
-    known = by_errors @ np.concatenate([c.errors, c.random_values]) + by_effects @ _amplitudes(c)
+    known = by_errors @ np.concatenate([c.errors, c.random_values]) + by_effects @ amplitudes(c)
     declared, random = np.split(by_errors, [len(c.errors)], axis=1)
     columns = [declared, by_effects[:, _effect_places(c)], random / _random_sizes(c)]
     return fitted, np.concatenate(columns, axis=1), w.residual.ravel() - known
@@ -320,7 +327,11 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     """Sizes, noise levels and the penalised estimate at a linearisation; sizes and levels to begin with are given."""
     point = select(c.projection, c.used)
     fitted, columns, residual = _columns(c, point, base)
-    columns, trusted, noise_free = columns * sizes.scale, _trusted_rows(c, base), c.cell.noise is None
+    columns, trusted, noise_free = (
+        columns * sizes.scale,
+        trusted_rows(c, base.subspace.basis[: c.model.base_count]),
+        c.cell.noise is None,
+    )
     of_joints = whitened_square(point.linear.by_joints * c.noise.joint_rms, point.whitened.root)
     levels = levels if noise_free else np.ones(2)
     logs = start
@@ -333,7 +344,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
             break
     inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
     deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
-    l11, _, l22 = point.whitened.root
+    l11, _, l22 = c.projection.whitened.root  # of rejected touches, too: of as many densities
     deviance += 2 * np.log(np.abs(np.diag(inner.triangle))).sum()
     deviance += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
     more = np.minimum(variance, np.log(_LARGEST_RATIO))
@@ -357,21 +368,17 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     )
 
 
-def _trusted_rows(c: Calibration, base: Calibration) -> tuple[Floats, Floats]:
-    """Rows of the trusted nominal values in the basis of L̄, (p, b), and their residuals, (p,)."""
-    b = base.subspace.basis.shape[1]
-    prior = ActivePrior.of(base.observe(), base.subspace)
+def trusted_rows(c: Calibration, base: Floats) -> tuple[Floats, Floats]:
+    """Rows of the trusted nominal values by L̄ in a basis (12, b), (p, b), and their residuals, (p,)."""
+    prior = ActivePrior.of(c.observe(), c.subspace)
     if prior is None:
-        return np.zeros((0, b)), np.zeros(0)
-    trusted = len(prior.prior.trusted)
-    active = prior.active[:trusted]
-    rows = prior.prior.rows(len(base.subspace.origin))[:trusted][active]
-    values = c.model.as_array()[prior.prior.trusted[active]]
-    residual = (values - prior.prior.mean[active]) / prior.prior.std[active]
-    return rows[:, : len(base.subspace.origin)] @ base.subspace.basis, residual
+        return np.zeros((0, base.shape[1])), np.zeros(0)
+    kept = prior.active[: len(prior.prior.trusted)] & (prior.prior.trusted < len(base))
+    at, std = prior.prior.trusted[kept], prior.prior.std[kept]
+    return base[at] / std[:, None], (c.model.as_array()[at] - prior.prior.mean[kept]) / std
 
 
-def _amplitudes(c: Calibration) -> Floats:
+def amplitudes(c: Calibration) -> Floats:
     """The free values of effects of which these vanish with zero, all other values of the model as zero, (12 + k,)."""
     amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
     return np.asarray(amplitudes * c.subspace.basis.any(axis=1))
@@ -385,7 +392,7 @@ def _effect_places(c: Calibration) -> Indices:
 
 def _shift(c: Calibration, solved: _Solved) -> float:
     """Largest change of a value of the model by a solution, in standard deviations."""
-    off, size = _amplitudes(c), len(c.model.names)
+    off, size = amplitudes(c), len(c.model.names)
     std = np.sqrt(np.diag(solved.covariance)[:size])
     return float(np.max((np.abs(solved.change[:size] - off) / std)[std > 0], initial=0.0))
 
@@ -404,7 +411,7 @@ def _lift(c: Calibration, tau: Floats, b: int) -> Floats:
 def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
     """The calibration at the solution of its linearisation, with the noise that this has found."""
     changes, errors, random = np.split(solved.change, np.cumsum([len(c.model.names), len(c.errors)]))
-    values = c.model.as_array() - _amplitudes(c) + changes
+    values = c.model.as_array() - amplitudes(c) + changes
     random, noise = random * _of_random(c, solved.tau) / _random_sizes(c), c.noise
     if c.cell.noise is None:
         least = [_LEAST_PART * min(one, other) for one, other in zip(before.levels, USUAL_NOISE.levels, strict=True)]
@@ -497,7 +504,9 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged
         noise_source='estimated' if estimated_levels(c.noise, c.cell.noise) else 'given',
         chi_square=solved.chi_square,
         degrees_of_freedom=freedoms,
-        prior_cost=float((c.errors**2).sum() + (_trusted_rows(c, base)[1] ** 2).sum()),
+        prior_cost=float(
+            (c.errors**2).sum() + (trusted_rows(c, base.subspace.basis[: c.model.base_count])[1] ** 2).sum()
+        ),
         standardized=np.sqrt(distance),
         rejected=_rejections(c, base, distance),
         start=ExtendedModel(
@@ -513,77 +522,76 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged
         stated = np.isfinite([c.random.stated_size(column) for column in c.random.columns])
         common = np.exp(solved.logs[-1]) if c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED else 1.0
         level = np.where(stated, 1.0, _random_sizes(moved) * common / c.random.size)
-    return MixedModel(c, level, solved.deviance + rejected, solved)
+    typical, is_free = _random_sizes(moved) / _random_sizes(c), _of_random(moved, solved.group) >= 0
+    return MixedModel(c, level, typical, is_free, solved.deviance + rejected, rejected, solved)
 
 
 def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
     """A calibration by a model with what one large effect would change of it in its covariance, as far as the touches
-    do not exclude that: the estimate is that at the maximum of the likelihood of the sizes.
+    do not exclude that: the estimate is that at the maximum of the likelihood of the sizes. Effects that are gross in
+    one of its alternatives count there.
     """
     solved, (kept, sizes) = model.solved, of_full_model(c)
-    found = large_sizes(solved.inner, solved.group, solved.weights)
+    gross = {label for item in c.alternatives for label in item.effects}
+    random = [] if c.random is None else [column.effect.label in gross for column in c.random.columns]
+    group = solved.group.copy()
+    group[len(group) - len(random) :][np.array(random, dtype=bool)] = -1
+    found = large_sizes(solved.inner, group, solved.weights)
     if not found:
         return c
     more = solved.lift @ scatter(solved.inner, solved.weights, found) @ solved.lift.T
     return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
-def averaged(
-    c: Calibration, rivals: Sequence[Calibration], general: Sequence[Calibration] = (), weights: Sequence[float] = ()
-) -> Calibration:
-    """A fit at the mean L̄ of its rivals, with their scatter in its covariance, and what they are less certain of than
-    it is: the likelihood of the sizes then has several maxima, one for each. All else follows L̄ as the touches have it.
+def averaged(c: Calibration, alternatives: Sequence[Alternative]) -> Calibration:
+    """A fit at the mean of the sets of effects that may be gross, by their probabilities, with their scatter in its
+    covariance (law of total variance).
 
     Args:
         c: the fit.
-        rivals: with it, or with their union that it is.
-        general: more general models, which count in the scatter alone.
-        weights: of these, in that of a rival.
+        alternatives: the values by each set.
     """
-    every = [*rivals, *general]
-    if len(every) < 2:
+    if not alternatives:
         return c
-    (kept, sizes), count, everything = of_full_model(c), c.model.base_count, c.covariance_with_errors
-    std = np.sqrt(np.diag(everything)[:count])
-    unit = np.outer(*2 * (np.where(std > 0, std, 1.0),))
-    precision = np.linalg.pinv(everything[:count, :count] / unit, rcond=1e-9, hermitian=True) / unit
-    follows = everything[:, :count] @ precision
-    acts = [effect.amplitudes(np.ones(len(values))) != 0 for effect, values in c.model.pairs]
-    follows[count : len(c.model.names)] *= np.concatenate([np.zeros(0), *acts])[:, None]  # no phase or frequency
-    if len(rivals) > 1:
-        mean = np.mean([rival.parameters.as_array() for rival in rivals], axis=0)
-        c = _moved_to(mean, c, follows, precision)
-    part, theirs = np.array([*np.ones(len(rivals)), *weights]), c.covariance.copy()
-    part /= part.sum()
-    theirs[:count, :count] = np.tensordot(part, [rival.covariance[:count, :count] for rival in every], 1)
-    off = np.array([rival.parameters.as_array() for rival in every]) - c.parameters.as_array()
-    return _with_scatter(c, RIVALS, off @ (sizes[:, None] * follows[kept]).T, part, theirs)
+    weight = np.array([item.probability for item in alternatives])
+    c, mean = _moved_by(c, weight @ np.array([item.change for item in alternatives]))
+    alternatives = tuple(
+        item._replace(change=item.change - mean, covariance=c.enlargement * item.covariance) for item in alternatives
+    )
+    off = np.array([item.change for item in alternatives])
+    every = np.tensordot(weight, [item.covariance for item in alternatives], 1) + off.T @ (weight[:, None] * off)
+    kept, sizes = of_full_model(c)
+    every = sizes[:, None] * every[np.ix_(kept, kept)] * sizes
+    more = _positive(every - c.covariance, np.sqrt(np.diag(every + c.covariance)))
+    return _with_contribution(with_projection(replace(c, alternatives=alternatives), c.projection), RIVALS, more)
 
 
-def _moved_to(base: Floats, c: Calibration, follows: Floats, precision: Floats) -> Calibration:
-    """A calibration at another L̄, (12,); as it is where the model is not defined there.
+def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:
+    """A calibration at other values, and by what it moved: not at all where the model is not defined there.
 
     Args:
-        base: L̄.
         c: the calibration.
-        follows: change of all values, errors and random effects by that of L̄, (12 + k + m + r, 12).
-        precision: inverse of the covariance of L̄, (12, 12).
+        change: of all values of the model, declared errors and random effects, (12 + k + m + r,).
     """
-    change = base - c.parameters.as_array()
-    of_model, errors, random = np.split(follows @ change, np.cumsum([len(c.model.names), len(c.errors)]))
+    of_model, errors, random = np.split(change, np.cumsum([len(c.model.names), len(c.errors)]))
     moved = replace(
         c,
         model=c.model.with_array(c.model.as_array() + of_model),
         errors=c.errors + errors,
         random_values=c.random_values + random,
-        chi_square=c.chi_square + c.enlargement * float(change @ precision @ change),
     )
     point = moved.projection
     if not np.isfinite(point.distance[c.used]).all():
-        return c
+        return c, np.zeros(len(change))
+    squares = [point.distance[c.used].sum() + np.sum(point.errors**2) for point in (point, c.projection)]
     distance = studentised(point.whitened, c.covariance_with_errors / c.enlargement, c.used)
-    force = base_force(moved.observe(), moved.model)
-    return with_projection(replace(moved, force=force, standardized=np.sqrt(distance)), point)
+    moved = replace(
+        moved,
+        force=base_force(moved.observe(), moved.model),
+        standardized=np.sqrt(distance),
+        chi_square=c.chi_square + max(float(squares[0] - squares[1]), 0.0),
+    )
+    return with_projection(moved, point), change
 
 
 def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:
@@ -603,29 +611,19 @@ def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) 
     comparable = effect.amplitudes(np.ones(len(effect.parameters))) != 0  # a phase is not, of another frequency
     comparable[effect.grid_parameter_index] = True
     off[:, first : first + len(comparable)] *= comparable
-    return _with_scatter(c, f'{VALUE}[{name}]', off, weight, known)
+    more = known - own
+    more[: off.shape[1], : off.shape[1]] += off.T @ (weight[:, None] * off)
+    scale = np.sqrt(np.clip(np.diag(own + known), 0.0, None))
+    scale[: off.shape[1]] = np.sqrt(scale[: off.shape[1]] ** 2 + weight @ off**2)
+    return _with_contribution(c, f'{VALUE}[{name}]', _positive(more, scale))
 
 
-def _with_scatter(c: Calibration, label: str, off: Floats, weight: Floats, theirs: Floats) -> Calibration:
-    """A calibration with the scatter of alternatives in its covariance, as far as this exceeds what it states: the law
-    of total variance.
-
-    Args:
-        c: the calibration.
-        label: of the contribution.
-        off: what the first values of each are off its own, (t, k).
-        weight: of each, (t,).
-        theirs: the covariance of all values of `full_model` with one alternative, their mean.
-    """
-    own, size = c.covariance, off.shape[1]
-    more = theirs - own
-    more[:size, :size] += off.T @ (weight[:, None] * off)
-    scale = np.sqrt(np.clip(np.diag(own + theirs), 0.0, None))
-    scale[:size] = np.sqrt(scale[:size] ** 2 + weight @ off**2)
+def _positive(more: Floats, scale: Floats) -> Floats:
+    """The positive part of a symmetric matrix in units of `scale`: what it adds to a covariance."""
     unit = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return _with_contribution(c, label, root @ root.T)
+    return np.asarray(root @ root.T)
 
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
@@ -654,7 +652,7 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
         Source(f'size[{names[k].rpartition(".")[0]}]', float(s), units[k - c.model.base_count])
         for k, s in zip(places.tolist(), std.tolist(), strict=True)
     )
-    mean = c.model.as_array() - _amplitudes(c)
+    mean = c.model.as_array() - amplitudes(c)
     return Prior(sources, places, mean[places], std, 0)
 
 

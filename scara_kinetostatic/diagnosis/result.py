@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -64,7 +65,7 @@ class Ranked(NamedTuple):
         role: ``found``, ``possible``, ``rival``, ``rejected`` or ``unidentifiable``.
         p_value: of "it is not there", corrected for the search over its frequencies; NaN if it is not identifiable.
         share: part of the residual's sum of squares that it explains.
-        gain: decrease of the penalised deviance by it.
+        gain: twice the log of its Bayes factor against none; about by what the deviance decreases beyond its penalty.
         independent_part: largest part of it that is independent of the base model; below
             `linear_problem.INDEPENDENT_PART` it is not identifiable.
     """
@@ -82,6 +83,18 @@ class Ranked(NamedTuple):
         return cls(effect, 'unidentifiable', np.nan, 0.0, 0.0, independent_part)
 
 
+class EffectSet(NamedTuple):
+    """A set of effects that may be gross, with its probability.
+
+    Attributes:
+        effects: their labels, ``unnamed`` for what is outside the catalogue; none where no effect is gross.
+        probability: of the set.
+    """
+
+    effects: tuple[str, ...]
+    probability: float
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """Whether the base model is complete, and what it lacks if not.
@@ -91,6 +104,8 @@ class Diagnosis:
         p_value: of "the base model is complete", all tests taken together.
         found: the effects of the extended model: those found, and rivals, which are fitted together.
         rivals: effects that the data cannot distinguish, by label.
+        probabilities: of all sets of effects that may be gross, the likeliest first; they add up to 1.
+        inclusion: the probability of each effect to be gross, by label.
         extended: the calibration with these effects; None if there are none.
         dependences: what the residual of the base model depends on, significant ones only.
         remaining: the same of the extended model.
@@ -100,8 +115,6 @@ class Diagnosis:
         refitted: the base model with the noise that the touches ask for, or without the trusted nominal values that
             they contradict, which is to be used; None where it is as it was.
         contradicted: trusted nominal values that the touches contradict; the result is without them.
-        discriminating: touches that would distinguish the rivals, none where no touch would; None where they were not
-            looked for.
     """
 
     verdict: str
@@ -116,7 +129,8 @@ class Diagnosis:
     advice: str = ''
     refitted: Calibration | None = None
     contradicted: tuple[Contradiction, ...] = ()
-    discriminating: tuple[DiscriminatingTouch, ...] | None = None
+    probabilities: tuple[EffectSet, ...] = ()
+    inclusion: Mapping[str, float] = field(default_factory=dict)
 
     def effects_by_label(self) -> dict[str, Effect]:
         """All effects in the ranking and in the extended model, by label."""
@@ -127,38 +141,6 @@ class Diagnosis:
         """The role of a candidate; it is a rival only where `rivals` names it."""
         named = any(item.effect.label in group for group in self.rivals)
         return 'rejected' if item.role == 'rival' and not named else item.role
-
-
-class DiscriminatingTouch(NamedTuple):
-    """A touch that would discriminate between two rivals.
-
-    Attributes:
-        disc: name of the disc.
-        angle: place on it, direction from its centre, rad.
-        posture: elbow, +1 or -1.
-        force: N.
-        is_unloaded: whether it is preloaded beyond the force and then unloaded to it.
-        difference: of the two predictions, N.
-        in_std: the same in standard deviations.
-    """
-
-    disc: str
-    angle: float
-    posture: int
-    force: float
-    is_unloaded: bool
-    difference: float
-    in_std: float
-
-    def __str__(self) -> str:
-        """As in advice: ``disc_1 from 30°, elbow left, with 40 N (predictions differ by 1.2 N)``."""
-        how = (
-            f'preloaded beyond {self.force:.0f} N, then unloaded to it'
-            if self.is_unloaded
-            else f'with {self.force:.0f} N'
-        )
-        side, elbow = f'{np.degrees(self.angle) % 360:.0f}°', 'left' if self.posture > 0 else 'right'
-        return f'{self.disc} from {side}, elbow {elbow}, {how} (predictions differ by {self.difference:.1f} N)'
 
 
 class Contradiction(NamedTuple):

@@ -1,8 +1,9 @@
-"""Search for missing effects: name what stands out of the mixed model, fit it, look again, until the names stay.
+"""Search for missing effects: weigh all sets of effects at the latest fit, fit the likeliest one, weigh again, until it
+stays.
 
-Sets of effects are compared in the linear problem at the latest fit, in which every effect of the catalogue counts by
-the size that the errors of this robot have as a whole (`MixedModel.level`). So a set is credible only where it explains
-what errors of that size do not.
+Sets of effects are compared in the linear problem at a fit (`diagnosis.odds`), in which every effect of the catalogue has
+a small part by the size that the errors of this robot have as a whole. So a set is likely only where it explains what
+errors of that size do not.
 """
 
 from __future__ import annotations
@@ -13,134 +14,162 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.candidates import Candidate, all_candidates, as_fitted, gains, scan_trials
+from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
+    STRICT_SIGNIFICANCE,
     Problem,
     fitted_effects,
     orthonormal,
     pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets, special_cases
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
+from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
+from scara_kinetostatic.diagnosis.result import EffectSet
+from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
 from scara_kinetostatic.effects.base import Effect, Trial
-from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import ArmClass
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G2, P_EE
 
-_MOST_IN_UNION = 5
-"""Effects of several credible sets that are named together at most; of more, those of the best sets."""
-_VANISHED = 0.1
-"""Typical size below which named effects are none: in the mixed model others explain the touches."""
+FOUND = 0.95
+"""Inclusion from which on an effect is found."""
+POSSIBLE = 0.05
+"""Inclusion from which on an effect that is not found is a rival, and probability of "no effect" below which the touches
+show that something is missing.
+"""
+SEEN = 0.01
+"""Probability of all gross effects together below which the fit is no mean over them."""
+LEAST = 1e-3
+"""Probability below which a set of effects does not count."""
+_MOST_NAMED = 5
 _PEAKS = 8
 """Places of a grid about which a moment, a frequency or a friction is compared at least."""
 _UNLIKELY = 1e-3
 """Of the weight of the likeliest place of a grid, below which a place does not count."""
 _BELOW_ZERO = 4.0
 """Standard deviations below zero at which a compliance or backlash is of no robot."""
-_RULED_OUT = 20.0
-"""Difference of the deviance with the sizes beyond which a rival is none. A base tilt of 600 typical sizes beside a
-gain of 5 has 22; a soft contact of 760 beside a nonlinear sensor of 70 has 11, and either may be true.
-"""
-_MOST_RIVALS = 4
-"""Sets that replace each other, of which models are made at most; of four times as many credible sets at most."""
 
 
 class Search(NamedTuple):
     """The result of a search.
 
     Attributes:
-        model: the fit with all effects that are named.
-        problem: the linear problem at it.
-        scored_subsets: the model selection in it.
-        in_every_model: labels of effects in every credible set.
-        rivals: labels of effects that replace each other.
+        weighed: the sets of effects at the fit with the likeliest one.
         base: the fit without effects of the catalogue that it belongs to.
-        lead: decrease of the deviance by the names, and by the touches that they explain.
-        is_unpredictable: whether only a curve explains the touches, with which no force can be predicted.
+        angles: label of random off-normal angles, which `base` then has; empty for none.
+        angles_odds: log odds of these beforehand.
+        angles_probability: of these.
     """
 
-    model: MixedModel
-    problem: Problem
-    scored_subsets: ScoredSubsets
-    in_every_model: tuple[str, ...]
-    rivals: tuple[tuple[str, ...], ...]
+    weighed: Weighed
     base: Calibration
-    lead: float = 0.0
-    is_unpredictable: bool = False
+    angles: str = ''
+    angles_odds: float = 0.0
+    angles_probability: float = 1.0
 
     @property
     def fit(self) -> Calibration:
         """The calibration of the mixed model."""
-        return self.model.fit
+        return self.weighed.model.fit
 
     @property
-    def has_names(self) -> bool:
-        """Whether any effect is named."""
-        return bool(self.in_every_model or self.rivals)
+    def named(self) -> list[Effect]:
+        """The effects of the fit that are named."""
+        return [effect for effect, _, _ in fitted_effects(self.fit)][len(self.base.model.effects) :]
 
     @property
     def deviance(self) -> float:
-        """That of the mixed model, with the penalty of the choice of effects."""
-        sets = self.scored_subsets
-        return self.model.deviance + (sets.credible[0].penalty if sets.credible else 0.0)
+        """-2 log likelihood with all sets, and prior of off-normal angles."""
+        return self.weighed.deviance - 2 * self.angles_odds
+
+    @property
+    def probabilities(self) -> tuple[EffectSet, ...]:
+        """Of all sets of effects of at least `LEAST`, the likeliest first; they add up to 1."""
+        odds, angles = self.weighed.odds.probabilities, (self.angles,) if self.angles else ()
+        sure = self.angles_probability
+        sets = [EffectSet((*angles, *sorted(labels)), sure * p) for labels, p in odds.items() if p >= LEAST]
+        sets += [EffectSet((), 1 - sure)] if 1 - sure >= LEAST else []
+        total = sum(item.probability for item in sets)
+        found = [item._replace(probability=item.probability / total) for item in sets]
+        return tuple(sorted(found, key=lambda item: -item.probability))
+
+    @property
+    def inclusion(self) -> dict[str, float]:
+        """The probability of each effect to be gross, by label, of at least `LEAST`."""
+        found = {label: p for label, p in self.weighed.odds.inclusion.items() if p >= LEAST}
+        return ({self.angles: self.angles_probability} if self.angles else {}) | found
+
+    @property
+    def none(self) -> float:
+        """The probability that no effect is gross."""
+        return 1 - self.angles_probability if self.angles else self.weighed.odds.none
+
+    @property
+    def found(self) -> tuple[str, ...]:
+        """Labels of the effects that are found; none where what is missing is rather outside the catalogue."""
+        included = self.inclusion
+        if included.get(UNNAMED, 0.0) >= 0.5:
+            return ()
+        return tuple(label for label, p in included.items() if p >= FOUND and label != UNNAMED)
+
+    @property
+    def rivals(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of labels that replace each other, where the effects found do not explain the touches alone."""
+        found = set(self.found)
+        sets = [(set(item.effects) - found - {UNNAMED}, item.probability) for item in self.probabilities]
+        if sum(p for labels, p in sets if not labels) >= POSSIBLE:
+            return ()
+        likely = [labels for labels, p in sets if labels and p >= POSSIBLE * sets[0][1]]
+        best, every = likely[0], dict.fromkeys(label for labels in likely for label in sorted(labels))
+        groups = []
+        for label in sorted(best):
+            instead = {x for labels in likely if label not in labels for x in labels - best}
+            groups.append((label, *(x for x in every if x in instead)))
+        return tuple(dict.fromkeys(groups))
 
 
 def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None = None) -> Search:
-    """The mixed model of a calibration with the effects that stand out of it.
+    """The mixed model of a calibration with the likeliest set of effects.
 
     Args:
         c: the base model; effects that it has stay.
         known: the catalogue.
         plain: the mixed model without names, where it is known.
     """
-    plain = plain or fit_mixed(c, known, freedoms=HEAVY_TAILS)
-    model, excluded, found, before = plain, set[str](), None, None
+    model, names, excluded, visited = plain or fit_mixed(c, known, freedoms=HEAVY_TAILS), set(), frozenset[str](), []
     for _ in range(6):  # most searches end after two rounds
-        problem = pose_problem(model.fit, model.level)
-        candidates = all_candidates(problem, known)
-        kept = tuple(item for item in candidates.candidates if item.effect.label not in excluded)
-        sets = score_subsets(problem, candidates._replace(candidates=kept))
-        nothing = Search(plain, problem, sets, (), (), c)
-        members = _union(sets)
-        names = {_name(member) for member in members}
-        if not members or names == before:
+        weighed = weigh(model, known)
+        visited.append(weighed)
+        members = weighed.likeliest(excluded, POSSIBLE)
+        wanted = {_name(member) for member in members}
+        if wanted == names or not members:
             break
-        best = len(sets.credible[0].members)
-        before, first, others = names, members[:best], members[best:]
-        fitted = _fit_named(c, known, problem, first, others, freedoms=HEAVY_TAILS)
+        fitted = _fit_named(c, known, weighed.problem, members, freedoms=HEAVY_TAILS)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
-            alone = fit_again(replace(c, model=start_from(problem, first, others)))
+            alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
             if alone is not None and len(alone.touches) == len(c.touches):
                 fitted = _fit(replace(c, used=alone.used), known, alone.model, freedoms=HEAVY_TAILS)
         if fitted is None:
-            curves = {member.effect.label for member in members if not member.effect.is_physical}
-            if curves & set(_partition(sets)[0]):
-                return nothing._replace(scored_subsets=sets._replace(credible=()), is_unpredictable=True)
-            wrong = curves or {member.effect.label for member in members}
-        else:
-            effects, arm = fitted_effects(fitted.fit), c.cell.uncertainty.effects.arm
-            wrong = {effect.label for effect, values, _ in effects if not effect.is_plausible(values)}
-            if all(_in_typical_size(effect, values, arm) < _VANISHED for effect, values, _ in effects):
-                wrong = {effect.label for effect, _, _ in effects}  # what is not named explains the touches
-        model = fitted or plain
-        found = None if wrong else Search(model, problem, sets, *_partition(sets), c)
-        if wrong:
-            excluded |= wrong
-            before = {('', 0.0)}
-    return found or nothing
+            has_curve = not all(member.effect.is_physical for member in members)
+            excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
+            continue
+        wrong = {effect.label for effect, values, _ in fitted_effects(fitted.fit) if not effect.is_plausible(values)}
+        excluded |= wrong
+        if not wrong:
+            model, names = fitted, wanted
+    return Search(min(visited, key=lambda one: one.deviance), c)
 
 
 def _fit(
@@ -184,12 +213,6 @@ def _fit_named(
     return next(filter(None, (_fit(c, known, start, most, freedoms) for start in starts)), None)
 
 
-def _in_typical_size(effect: Effect, values: Floats, arm: ArmClass) -> float:
-    """The largest amplitude of an effect, in its typical size."""
-    amplitudes = np.abs(effect.amplitudes(values))
-    return max((size / typical_size(effect, k, arm) for k, size in enumerate(amplitudes.tolist()) if size), default=0.0)
-
-
 def _name(member: Candidate) -> tuple[str, float]:
     """An effect and, where it begins or ends in a step, when."""
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
@@ -221,94 +244,6 @@ def start_from(
     return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
 
-class Rivals(NamedTuple):
-    """The mixed models with each credible set of effects named by itself.
-
-    Attributes:
-        models: of the sets that replace each other.
-        more_general: models that are, and less likely.
-        weights: of these, in that of a rival.
-    """
-
-    models: tuple[MixedModel, ...] = ()
-    more_general: tuple[MixedModel, ...] = ()
-    weights: tuple[float, ...] = ()
-
-
-def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, Rivals]:
-    """The mixed model with each of the likeliest credible sets named by itself, and the search with those alone that
-    are credible with the sizes that their effects need there.
-
-    A set with a more general effect in place of one of another set is a rival where its restricted likelihood is
-    larger; else it counts by the ratio of the two.
-    """
-    sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    named = {frozenset(one.labels) for one in sets.credible}
-    is_general = [bool(special_cases(one.members) & named) for one in sets.credible]
-    simple = [one for one, more in zip(sets.credible, is_general, strict=True) if not more]
-    general_sets = [one for one, more in zip(sets.credible, is_general, strict=True) if more]
-    tried = list[tuple[Subset, MixedModel | None]]()
-    for some in simple, general_sets:
-        begun = len(tried)
-        for one in some[: 4 * _MOST_RIVALS]:
-            if len(_likely(tried[begun:])) < _MOST_RIVALS:
-                fits = (_fit_named(base, known, found.problem, one.members, most=most) for most in (3, 8))
-                tried.append((one, next(filter(None, fits), None)))
-    kept = _likely(tried)
-    deviance = {frozenset(one.labels): fit.deviance for one, fit in kept}
-    rivals, general, weights = list[MixedModel](), list[MixedModel](), list[float]()
-    stays = {one.labels for one in simple} - {one.labels for one, _ in tried}
-    for one, fit in kept:
-        more = fit.deviance - min((deviance.get(case, np.inf) for case in special_cases(one.members)), default=np.inf)
-        if more <= 0:
-            rivals.append(fit)
-            stays.add(one.labels)
-        else:
-            general.append(fit)
-            weights.append(float(np.exp(-more / 2)))
-    if rivals and len(stays) < len(sets.credible):
-        sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels in stays))
-        labels, groups = _partition(sets)
-        members, best = _union(sets), len(sets.credible[0].members)
-        model = _fit_named(base, known, found.problem, members[:best], members[best:])
-        found = found._replace(model=model or rivals[0], scored_subsets=sets, in_every_model=labels, rivals=groups)
-    return found, Rivals(tuple(rivals), tuple(general), tuple(weights))
-
-
-def _likely(tried: Sequence[tuple[Subset, MixedModel | None]]) -> list[tuple[Subset, MixedModel]]:
-    """Those of the sets that have a model, and are not ruled out beside the likeliest."""
-    fits = [(one, fit) for one, fit in tried if fit is not None]
-    most = min((fit.deviance + one.penalty for one, fit in fits), default=0.0) + _RULED_OUT
-    return [(one, fit) for one, fit in fits if fit.deviance + one.penalty <= most]
-
-
-def _union(sets: ScoredSubsets) -> list[Candidate]:
-    """The effects of the best credible set, and those of the others up to `_MOST_IN_UNION`, each once."""
-    union = dict[str, Candidate]()
-    for number, subset in enumerate(sets.credible):
-        for candidate in subset.members:
-            if number == 0 or len(union) < _MOST_IN_UNION:
-                union.setdefault(candidate.effect.label, candidate)
-    return list(union.values())
-
-
-def _partition(sets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Labels of the effects in every credible set, and groups of those that replace each other."""
-    credible, best = [set(subset.labels) for subset in sets.credible], sets.credible[0].labels
-    common = set.intersection(*credible)
-    replaceable = [label for label in best if label not in common]
-    groups: list[tuple[str, ...]] = []
-    for label in replaceable:
-        kept = set(best) - {label}
-        instead = {x for labels in credible if kept <= labels for x in labels - kept if x != label}
-        if instead:
-            groups.append((label, *sorted(instead)))
-    rest = sorted(set().union(*credible) - common - {label for group in groups for label in group})
-    if rest:
-        groups.append(tuple(dict.fromkeys([*replaceable, *rest])))
-    return tuple(label for label in best if label in common), tuple(groups)
-
-
 def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Search:
     """The likeliest of several ways to begin: with the touches of the fit, or with all where some were rejected,
     which an effect may explain; with the usual noise, where what is missing was taken for it; with off-normal angles.
@@ -318,28 +253,56 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
         known: the catalogue.
         off_normal: whether the test of the off-normal angles is significant.
     """
-    plain = fit_mixed(c, known, freedoms=HEAVY_TAILS)
-    found = [identify(c, known, plain)]
+    found = [identify(c, known)]
     if not c.used.all() and not found[0].fit.used.all():
         every = replace(c, used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
             found.append(identify(every, known, fit_mixed(every, known, keeps_touches=True, freedoms=HEAVY_TAILS)))
-    if c.cell.noise is None and not any(item.has_names for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
+    if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
             if len(usual.touches) == len(c.touches):
                 found.append(identify(replace(usual, cell=c.cell, noise_source='estimated'), known))
+    best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
-    if off_normal and not _is_radial(min(found, key=lambda item: item.deviance)):
-        found += _with_off_normal_forces(c, known)
-    best = min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
-    own, model, base = len(best.base.model.effects), best.fit.model, replace(best.base, used=best.fit.used)
-    named = ExtendedModel(model.parameters, model.effects[own:], model.effect_values[own:])
-    light = _fit(base, known, named, begin=best.model)
+    if off_normal and not _is_radial(best):
+        for item in _with_off_normal_forces(c, known):
+            sure = float(special.expit((best.deviance - item.deviance) / 2))
+            if sure >= FOUND:
+                found.append(item._replace(angles_probability=sure))
+    return _likeliest(found)
+
+
+def _likeliest(found: Sequence[Search]) -> Search:
+    """That of the least deviance, whose robot has no compliance or backlash below zero where one has none."""
+    return min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
+
+
+def settled(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Search:
+    """A search with the fit of some effects, others as they are without large ones.
+
+    Args:
+        found: the search.
+        known: the catalogue.
+        labels: of the effects to name.
+    """
+    model, weighed = found.fit.model, found.weighed
+    base = replace(found.base, used=found.fit.used)
+    pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
+    own = {effect.label for effect in base.model.effects}
+    is_same = set(labels) == set(pairs) - own
+    for label in labels:  # rivals together would start at large values of opposite sign: at zero
+        if label not in pairs:
+            item = weighed.single(label)
+            pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
+    chosen = [pairs[label] for label in labels]
+    named = ExtendedModel(model.parameters, *(tuple(part) for part in zip(*chosen, strict=True))) if chosen else None
+    light = _fit(base, known, named or ExtendedModel(model.parameters), begin=weighed.model if is_same else None)
     # where steps across a kink have led it away, the fit that it began at is better
-    final = light if light is not None and light.deviance <= best.model.deviance + CREDIBLE else best.model
-    return best._replace(lead=plain.deviance - best.deviance, model=final)
+    if light is None or (is_same and light.deviance > weighed.model.deviance + CREDIBLE):
+        return found
+    return found._replace(weighed=weigh(light, known))
 
 
 def _is_robot(fit: Calibration) -> bool:
@@ -351,7 +314,8 @@ def _is_robot(fit: Calibration) -> bool:
 def _is_radial(found: Search) -> bool:
     """Whether a model fits without a fitted curve and without off-normal angles beyond noise."""
     physical = all(effect.is_physical for effect, _, _ in fitted_effects(found.fit))
-    return physical and off_normal_p_value(found.fit) > FRICTION_SIGNIFICANCE
+    fits = found.fit.noise_source != 'given' or found.fit.p_value >= STRICT_SIGNIFICANCE
+    return physical and fits and off_normal_p_value(found.fit) > FRICTION_SIGNIFICANCE
 
 
 def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Search]:
@@ -371,7 +335,9 @@ def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Sea
     off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(found.fit)
     if off_normal >= FRICTION_SIGNIFICANCE * (growing if growing < FRICTION_SIGNIFICANCE else 1.0):
         return []
-    return [found._replace(in_every_model=(friction.label, *found.in_every_model))]
+    # one effect of the catalogue, its size as uncertain as the touches leave it
+    odds = np.log(NUMBER[1] / NUMBER[0] / max(len(known), 1)) - 0.5 * np.log(len(c.touches))
+    return [found._replace(angles=friction.label, angles_odds=float(odds))]
 
 
 class Moment(NamedTuple):
@@ -404,7 +370,7 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
     if not any(effect.grid_parameter for effect, _, _ in named):
         return ()
     problem, found = pose_problem(fit), []
-    candidates = [as_fitted(problem, effect, values, 1) for effect, values, _ in named]
+    candidates = [as_fitted(problem, effect, values) for effect, values, _ in named]
     scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
     for number, (effect, values, _) in enumerate(named):
         at = problem.touch_state

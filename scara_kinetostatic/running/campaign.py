@@ -350,8 +350,7 @@ def calibrated(
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
         planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
-    those = found.discriminating if outcome.verdict == 'ambiguous' else ()
-    if those and decides and now is not None and now < np.inf:
+    if outcome.verdict == 'ambiguous' and decides and now is not None and now < np.inf:
         with suppress(UnsupportedDataError):
             return Knowledge(planner, planner.discriminating(_FEW), now, grade, text, verdict, True)
     unexplained = outcome.verdict == 'unexplained'

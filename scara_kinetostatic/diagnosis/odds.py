@@ -1,0 +1,449 @@
+"""Posterior probabilities of sets of gross effects in the linear problem at a fit.
+
+Whitened, the misclosures of the touches are, to first order,
+
+    y + J Δ + N e + τ Σ_g X_g u_g + Σ_(g in S) X_g v_g = ε,    e, u_g, ε ~ N(0, I),    v_g ~ N(0, s_g² I).
+
+Every effect of the catalogue has a small part, u_g, in units of its typical size, all with a common size τ; those of
+the set S are **gross**. A form is one way of being gross, an effect at one of its frequencies or moments; the prior of
+an effect is shared among its forms. Whatever explains the touches and is not in the catalogue is the effect ``unnamed``,
+whose forms are smooth curves.
+
+**Priors.** Δ is flat. τ and the gross sizes s, in typical sizes, are half-Cauchy with scales 1 and `SCALE`, on grids;
+the number of gross effects has the prior `NUMBER`, and the sets of a number are alike but for `UNNAMED`. All sizes are
+integrated, so that more effects have to explain more. Noise that is stated is known, or larger, with `UNDERSTATED`; else
+its level is integrated, as flat in its logarithm.
+
+**Likelihood.** J is projected off once; then only Z'MZ, Z'My and y'My of the columns Z = (N, X) count. At τ the small
+parts are factorised once, K = I + W A W, which leaves of the gross columns A_V = A - A W K⁻¹ W A and b_V alike, and sets
+follow from the blocks of these, one effect at a time.
+
+**Inclusion** of an effect is the probability that it is gross: the sum over the sets with it. A set whose further effect
+has a Bayes factor below `_NEEDED` counts as the one without, unless this is the empty one: effects that are not seen
+would take from the probability of those that are.
+
+Source: Gelman, Bayesian Analysis 1 (2006) 515, for the priors of the sizes; Kass and Raftery, J. Am. Stat. Assoc. 90
+(1995) 773, for Bayes factors.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+
+UNNAMED = 'unnamed'
+"""Label of what is outside the catalogue."""
+SIZES = np.geomspace(1.0, 128.0, 8)
+SCALE = 5.0
+NUMBER = np.array([0.5, 0.35, 0.1, 0.05])
+"""Prior of none, one, two and three gross effects."""
+_TAUS = np.geomspace(0.1, 3.2, 6)
+_UNNAMED_SHARE = 0.05
+"""Prior of a single effect outside the catalogue."""
+UNDERSTATED = 0.05
+"""Prior of stated noise that is too small, by up to `_MOST_NOISE`."""
+_MOST_NOISE = 10.0
+_NEEDED = 3.0
+_PAIRS, _TRIPLES = 60, 8
+"""Sets of two and three effects that are integrated, the most promising ones."""
+_NEGLIGIBLE = 12.0
+"""Log of the part of the likeliest set below which a set of several effects does not count."""
+_PARTS = 6
+"""Sizes with which the values of a set are averaged."""
+
+Labels = frozenset[str]
+
+
+class Form(NamedTuple):
+    """One way in which an effect may be gross.
+
+    Attributes:
+        label: of the effect.
+        columns: places of its columns among the gross ones.
+        share: of it in the prior of its effect, 0 to 1.
+    """
+
+    label: str
+    columns: Indices
+    share: float
+
+
+class LinearProblem(NamedTuple):
+    """The touches at a fit, projected off J.
+
+    Attributes:
+        gram: Z'MZ of the small columns and then the gross ones, (c + g, c + g).
+        projected: Z'My, (c + g,).
+        square: y'My.
+        freedoms: rows less columns of J.
+        is_declared: of the small columns those whose size is given, (c,).
+        noise_given: whether the noise is stated.
+        constant: -2 log likelihood that all sets have in common.
+        triangle: R of J = Q R, (b, b).
+        of_columns: Q'Z, (b, c + g).
+        of_residual: Q'y, (b,).
+    """
+
+    gram: Floats
+    projected: Floats
+    square: float
+    freedoms: int
+    is_declared: Mask
+    noise_given: bool
+    constant: float
+    triangle: Floats
+    of_columns: Floats
+    of_residual: Floats
+
+    @classmethod
+    def of(
+        cls, fitted: Floats, columns: Floats, residual: Floats, is_declared: Mask, noise_given: bool, constant: float
+    ) -> LinearProblem:
+        """Of J (rows, b), Z (rows, c + g) and y (rows,); `constant` without that of J."""
+        q, r = np.linalg.qr(fitted)
+        z, y = q.T @ columns, q.T @ residual
+        rest, left = columns - q @ z, residual - q @ y
+        constant += 2 * float(np.log(np.abs(np.diag(r))).sum())
+        freedoms = len(residual) - fitted.shape[1]
+        return cls(
+            rest.T @ rest, rest.T @ left, float(left @ left), freedoms, is_declared, noise_given, constant, r, z, y
+        )
+
+    def log_likelihood(self, square: Floats, log_determinant: Floats) -> Floats:
+        """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""
+        nu = self.freedoms
+        square = np.maximum(square, 1e-300)
+        free = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
+        if self.noise_given:
+            larger = np.where(square > nu, free - np.log(np.log(_MOST_NOISE)) + np.log(UNDERSTATED), -np.inf)
+            free = np.logaddexp(np.log1p(-UNDERSTATED) - 0.5 * square, larger)
+        return np.asarray(free - 0.5 * log_determinant)
+
+
+class _State(NamedTuple):
+    """The problem at one size of the small parts.
+
+    Attributes:
+        widths: standard deviations of the small columns, (c,).
+        log_prior: of this size.
+        square: y'V⁻¹y without gross effects.
+        log_determinant: of K.
+        gram: A_V of the gross columns, (g, g).
+        projected: b_V, (g,).
+    """
+
+    widths: Floats
+    log_prior: float
+    square: float
+    log_determinant: float
+    gram: Floats
+    projected: Floats
+
+
+class Part(NamedTuple):
+    """A set at given sizes: its log posterior, the forms, their sizes, and the size of the small parts by number."""
+
+    log: float
+    forms: tuple[int, ...]
+    sizes: tuple[float, ...]
+    state: int
+
+
+class Odds(NamedTuple):
+    """The posterior.
+
+    Attributes:
+        probabilities: of sets of labels, the likeliest first.
+        parts: of each set, the likeliest first.
+        log_evidence: of the touches with all sets together.
+        bayes_factors: of each effect alone against none, by label, logarithms.
+        best: of each effect alone the likeliest form, by label.
+        states: by number.
+    """
+
+    probabilities: dict[Labels, float]
+    parts: dict[Labels, list[Part]]
+    log_evidence: float
+    bayes_factors: dict[str, float]
+    best: dict[str, int]
+    states: list[_State]
+
+    @property
+    def inclusion(self) -> dict[str, float]:
+        """The probability of each effect to be gross."""
+        found = defaultdict[str, float](float)
+        for labels, probability in self.probabilities.items():
+            for label in labels:
+                found[label] += probability
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @property
+    def none(self) -> float:
+        """The probability that no effect is gross."""
+        return self.probabilities.get(frozenset(), 0.0)
+
+
+def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str, float] | None = None) -> Odds:
+    """The probabilities of all sets of up to three effects.
+
+    Args:
+        p: the linear problem.
+        forms: of all effects; those of the label `UNNAMED` are curves.
+        weights: prior of an effect in that of the others, by label; 1 by default.
+    """
+    labels = list(dict.fromkeys(form.label for form in forms))
+    named = sum(label != UNNAMED for label in labels)
+    weight = dict.fromkeys(labels, 1.0) | dict(weights or {})
+    weight[UNNAMED] = _UNNAMED_SHARE / NUMBER[1] * max(named, 1)
+    every = np.poly([-weight[label] for label in labels])[:4]  # elementary symmetric polynomials of the weights
+    log_number = np.log(NUMBER[: len(every)]) - np.log(every)
+    log_share = np.array([np.log(form.share * weight[form.label]) for form in forms])
+    states = [_state(p, tau) for tau in _TAUS]
+    total = np.logaddexp.reduce([state.log_prior for state in states])
+    states = [state._replace(log_prior=state.log_prior - total) for state in states]
+    scan = _Scan(p, forms, states, log_share)
+    bare = [float(p.log_likelihood(np.array(s.square), np.array(s.log_determinant))) + s.log_prior for s in states]
+    parts = [Part(log + log_number[0], (), (), k) for k, log in enumerate(bare)]
+    singles, alone = scan.integrated(np.arange(len(forms))[:, None])
+    parts += _shifted(singles, log_number[1] if len(labels) else 0.0)
+    best = _best_forms(forms, alone)
+    if len(labels) > 1:
+        pairs = scan.promising([pair for pair in combinations(best, 2) if forms[pair[0]].label != forms[pair[1]].label])
+        found, evidence = scan.integrated(pairs)
+        parts += _shifted(found, log_number[2])
+        top = pairs[np.argsort(-evidence)[:_TRIPLES]]
+        grown = {
+            tuple(sorted((*pair, k)))
+            for pair in top.tolist()
+            for k in best
+            if forms[k].label not in (forms[pair[0]].label, forms[pair[1]].label)
+        }
+        if grown and len(log_number) > 3:
+            found, _ = scan.integrated(scan.promising(sorted(grown), _TRIPLES))
+            parts += _shifted(found, log_number[3])
+    log_none = float(np.logaddexp.reduce(bare))
+    factors, likely = dict[str, float](), dict[str, int]()
+    for label in labels:
+        own = [k for k, form in enumerate(forms) if form.label == label]
+        factors[label] = float(np.logaddexp.reduce(alone[own]) - log_none - np.log(weight[label]))
+        likely[label] = max(own, key=lambda k: alone[k])
+    return _gathered(parts, forms, log_number, weight, factors, likely, states, p.constant)
+
+
+def _shifted(parts: list[Part], log: float) -> list[Part]:
+    return [part._replace(log=part.log + log) for part in parts]
+
+
+def _best_forms(forms: Sequence[Form], alone: Floats) -> list[int]:
+    """The forms that are tried together: of each effect the likeliest two, of curves the likeliest eight."""
+    found = list[int]()
+    for label in dict.fromkeys(form.label for form in forms):
+        own = [k for k, form in enumerate(forms) if form.label == label]
+        found += sorted(own, key=lambda k: -alone[k])[: 8 if label == UNNAMED else 2]
+    return sorted(found)
+
+
+def _state(p: LinearProblem, tau: float) -> _State:
+    """At a common size of the small parts."""
+    c = len(p.is_declared)
+    widths = np.where(p.is_declared, 1.0, tau)
+    factor = np.linalg.cholesky(np.eye(c) + widths[:, None] * p.gram[:c, :c] * widths)
+    right = widths[:, None] * np.concatenate([p.gram[:c, c:], p.projected[:c, None]], axis=1)
+    half = linalg.solve_triangular(factor, right, lower=True, check_finite=False)
+    columns, y = half[:, :-1], half[:, -1]
+    return _State(
+        widths,
+        float(np.log(tau / (1 + tau**2))),
+        p.square - float(y @ y),
+        float(2 * np.log(np.diag(factor)).sum()),
+        p.gram[c:, c:] - columns.T @ columns,
+        p.projected[c:] - columns.T @ y,
+    )
+
+
+class _Scan:
+    """Likelihoods of sets of forms, sizes integrated on the grid."""
+
+    def __init__(self, p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], log_share: Floats) -> None:
+        self.p, self.states, self.log_share = p, states, log_share
+        self.widths = np.array([len(form.columns) for form in forms], dtype=np.intp)
+        g = len(p.projected) - len(p.is_declared)
+        self.places = np.full((len(forms), max(self.widths, default=0)), g)  # g: a column of zeros
+        for row, form in zip(self.places, forms, strict=True):
+            row[: len(form.columns)] = form.columns
+        self.padded = [(np.pad(s.gram, (0, 1)), np.pad(s.projected, (0, 1))) for s in states]
+        x = SIZES / SCALE
+        self.log_size = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
+
+    def integrated(self, sets: Indices) -> tuple[list[Part], Floats]:
+        """The parts of sets of forms (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
+        m, k = sets.shape
+        shares = self.log_share[sets].sum(axis=1)
+        logs = np.full((m, len(self.states), len(SIZES) ** k), -np.inf)
+        grid = sum(np.meshgrid(*(self.log_size,) * k, indexing='ij')).ravel() if k else np.zeros(1)
+        width = self.widths[sets].max(axis=1, initial=0)
+        for w in np.unique(width).tolist():
+            at = np.flatnonzero(width == w)
+            for number, (state, (gram, projected)) in enumerate(zip(self.states, self.padded, strict=True)):
+                columns = self.places[sets[at], :w].reshape(len(at), -1)
+                blocks = gram[columns[:, :, None], columns[:, None, :]], projected[columns]
+                quad, log_determinant = _gains(*blocks, w, k)
+                likelihood = self.p.log_likelihood(state.square - quad, state.log_determinant + log_determinant)
+                logs[at, number] = likelihood + grid + state.log_prior + shares[at, None]
+        every = logs.reshape(m, -1)
+        evidence = np.logaddexp.reduce(every, axis=1) if m else np.zeros(0)
+        sizes = np.array(np.meshgrid(*(SIZES,) * k, indexing='ij')).reshape(k, -1).T
+        parts = list[Part]()
+        most = evidence.max(initial=-np.inf)
+        for row, (one, log) in enumerate(zip(sets.tolist(), evidence.tolist(), strict=True)):
+            if log < most - _NEGLIGIBLE and k > 1:
+                continue
+            order = np.argsort(-every[row])[: 4 * _PARTS]
+            taken = np.exp(np.logaddexp.reduce(every[row, order]) - log)
+            for place in order.tolist():  # the rest counts with these
+                number, size = divmod(place, logs.shape[2])
+                log_part = float(every[row, place] - np.log(taken))
+                parts.append(Part(log_part, tuple(one), tuple(sizes[size].tolist()), number))
+        return parts, evidence
+
+    def promising(self, sets: Sequence[tuple[int, ...]], most: int = _PAIRS) -> Indices:
+        """The sets that are likeliest at the likeliest sizes of the small parts, by one size for all effects."""
+        every = np.array(sets, dtype=np.intp)
+        k = every.shape[1]
+        bare = [
+            self.p.log_likelihood(np.array(s.square), np.array(s.log_determinant)) + s.log_prior for s in self.states
+        ]
+        guess = np.full(len(every), -np.inf)
+        width = self.widths[every].max(axis=1)
+        for number in {int(np.argmax(bare)), min(int(np.argmax(bare)), 2)}:
+            state, (gram, projected) = self.states[number], self.padded[number]
+            for w in np.unique(width).tolist():
+                at = np.flatnonzero(width == w)
+                columns = self.places[every[at], :w].reshape(len(at), -1)
+                a, b = gram[columns[:, :, None], columns[:, None, :]], projected[columns]
+                for size in SIZES[[2, 4, 6]].tolist():
+                    inside = np.eye(k * w) + size**2 * a
+                    quad = size**2 * (b * np.linalg.solve(inside, b[..., None])[..., 0]).sum(axis=1)
+                    log = self.p.log_likelihood(
+                        state.square - quad, state.log_determinant + np.linalg.slogdet(inside)[1]
+                    )
+                    guess[at] = np.maximum(guess[at], log + self.log_share[every[at]].sum(axis=1))
+        return every[np.argsort(-guess)[:most]]
+
+
+def _gains(gram: Floats, projected: Floats, w: int, k: int) -> tuple[Floats, Floats]:
+    """Decreases of the sum of squares and log determinants by k effects of w columns each at all sizes, (m, S^k).
+
+    The first effect at each size is taken off what the others see; the sizes of the last follow from its eigenvalues.
+    """
+    m = len(gram)
+    a, b = gram[:, None], projected[:, None]
+    quad, log_determinant = np.zeros((m, 1)), np.zeros((m, 1))
+    for _ in range(k - 1):
+        own = a[:, :, None, :w, :w] + np.eye(w) / SIZES[:, None, None] ** 2
+        right = np.concatenate([a[:, :, :w, w:], b[:, :, :w, None]], axis=-1)[:, :, None]
+        solved = np.linalg.solve(own, np.broadcast_to(right, (*own.shape[:3], *right.shape[3:])))
+        quad = quad[:, :, None] + (b[:, :, None, :w] * solved[..., -1]).sum(axis=-1)
+        log_determinant = log_determinant[:, :, None] + np.linalg.slogdet(own)[1] + 2 * w * np.log(SIZES)
+        across = a[:, :, None, w:, :w]
+        a = a[:, :, None, w:, w:] - across @ solved[..., :-1]
+        b = b[:, :, None, w:] - (across @ solved[..., -1:])[..., 0]
+        a, b = a.reshape(m, -1, *a.shape[3:]), b.reshape(m, -1, b.shape[-1])
+        quad, log_determinant = quad.reshape(m, -1), log_determinant.reshape(m, -1)
+    values, vectors = np.linalg.eigh(a)
+    values = np.maximum(values, 0.0)[:, :, None]
+    along = (vectors.swapaxes(-1, -2) @ b[..., None])[..., 0][:, :, None]
+    s2 = SIZES[:, None] ** 2
+    quad = quad[:, :, None] + (s2 * along**2 / (1 + s2 * values)).sum(axis=-1)
+    log_determinant = log_determinant[:, :, None] + np.log1p(s2 * values).sum(axis=-1)
+    return quad.reshape(m, -1), log_determinant.reshape(m, -1)
+
+
+def _gathered(
+    parts: Sequence[Part],
+    forms: Sequence[Form],
+    log_number: Floats,
+    weight: Mapping[str, float],
+    factors: dict[str, float],
+    likely: dict[str, int],
+    states: list[_State],
+    constant: float,
+) -> Odds:
+    """The posterior by sets of labels; supersets that are not needed are merged."""
+    total = float(np.logaddexp.reduce([part.log for part in parts]))
+    by_labels = defaultdict[Labels, list[Part]](list)
+    for part in parts:
+        by_labels[frozenset(forms[k].label for k in part.forms)].append(part._replace(log=part.log - total))
+    logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}
+    priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in labels) for labels in logs}
+    for labels in sorted(logs, key=len, reverse=True):
+        fewer = [labels - {x} for x in labels if len(labels) > 1 and labels - {x} in logs]
+        if not fewer:
+            continue
+        best = max(fewer, key=lambda one: logs[one] - priors[one])
+        if logs[labels] - priors[labels] - (logs[best] - priors[best]) < np.log(_NEEDED):
+            # the prior of the smaller set stays, so that what is merged does not count as evidence for it
+            merged = float(np.logaddexp(logs[best], logs.pop(labels)))
+            priors[best] += merged - logs[best]
+            logs[best] = merged
+    order = sorted(logs, key=lambda labels: -logs[labels])
+    probabilities = {labels: float(np.exp(logs[labels])) for labels in order}
+    kept = {labels: sorted(by_labels[labels], key=lambda part: -part.log) for labels in order}
+    return Odds(probabilities, kept, total - 0.5 * constant, factors, likely, states)
+
+
+class Component(NamedTuple):
+    """The values by one set: their probability, means and covariance.
+
+    Attributes:
+        labels: of the set.
+        probability: of it.
+        mean: (v,).
+        covariance: of these.
+    """
+
+    labels: Labels
+    probability: float
+    mean: Floats
+    covariance: Floats
+
+
+def components(p: LinearProblem, forms: Sequence[Form], odds: Odds, lift: Floats) -> list[Component]:
+    """The values by each set, averaged over the sizes.
+
+    Args:
+        p: the linear problem.
+        forms: of the effects.
+        odds: the posterior, of the sets that are wanted.
+        lift: rows of values by Δ in the basis of J and the columns, (v, b + c + g).
+    """
+    b, c = len(p.of_residual), len(p.is_declared)
+    by_base = lift[:, :b] @ linalg.solve_triangular(p.triangle, np.eye(b), check_finite=False)
+    of_base, found = by_base @ p.of_residual, list[Component]()
+    for labels, probability in odds.probabilities.items():
+        parts = odds.parts[labels][:_PARTS]
+        weights = np.exp([part.log - parts[0].log for part in parts])
+        weights /= weights.sum()
+        means, second = list[Floats](), np.zeros((len(lift),) * 2)
+        for weight, part in zip(weights.tolist(), parts, strict=True):
+            columns = [c + forms[k].columns for k in part.forms]
+            live = np.concatenate([np.arange(c), *columns]).astype(np.intp)
+            sizes = [np.full(len(one), size) for one, size in zip(columns, part.sizes, strict=True)]
+            width = np.concatenate([odds.states[part.state].widths, *sizes])
+            factor = np.linalg.cholesky(np.eye(len(live)) + width[:, None] * p.gram[np.ix_(live, live)] * width)
+            rows = (lift[:, b + live] - by_base @ p.of_columns[:, live]) * width
+            half = linalg.solve_triangular(factor, np.column_stack([rows.T, width * p.projected[live]]), lower=True)
+            rows, y = half[:, :-1].T, half[:, -1]
+            noise = 1.0 if p.noise_given else (p.square - float(y @ y)) / p.freedoms
+            means.append(-rows @ y - of_base)
+            second += weight * (noise * (rows @ rows.T + by_base @ by_base.T) + np.outer(means[-1], means[-1]))
+        mean = weights @ np.array(means)
+        found.append(Component(labels, probability, mean, second - np.outer(mean, mean)))
+    return found

@@ -1,0 +1,205 @@
+"""The sets of effects that explain a fit, weighed (`diagnosis.odds`), and the values by each of them.
+
+The small columns of the linear problem are those of the mixed model: declared errors, and the small part of every effect
+in its typical size. The gross ones are those of the candidates, an effect at each of its likely trials, in the same unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.fit_point import Point, select
+from scara_kinetostatic.calibration.result import Alternative
+from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, all_candidates, significance
+from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
+from scara_kinetostatic.diagnosis.mixed_model import MixedModel, amplitudes, trusted_rows
+from scara_kinetostatic.diagnosis.odds import UNNAMED, Form, LinearProblem, Odds, components, posterior_odds
+from scara_kinetostatic.diagnosis.result import Ranked
+from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.effects.undetected import typical_size
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import ArmClass
+
+_CURVE = 2e-6
+"""Typical size of a curve, rad or m."""
+_SPECIAL = 0.02
+"""Prior of an effect that contains another one of the catalogue, in that of the others."""
+_LACKING = 0.1
+"""Part of a gross column that the small columns of its effect may lack for its values to be stated."""
+
+
+class Weighed(NamedTuple):
+    """The posterior at a fit.
+
+    Attributes:
+        model: the fit.
+        problem: the linear problem at it.
+        candidates: the effects, each in one or several forms.
+        forms: of the candidates, in their order.
+        linear: the problem projected, with the columns.
+        odds: the posterior.
+        lift: from the changes of L̄ in the basis of the fit and the values of all columns to all values of the model,
+            declared errors and random effects, (12 + k + m + r, b + c + g); NaN of gross columns that these lack.
+    """
+
+    model: MixedModel
+    problem: Problem
+    candidates: CandidateSet
+    forms: tuple[Form, ...]
+    linear: LinearProblem
+    odds: Odds
+    lift: Floats
+
+    @property
+    def deviance(self) -> float:
+        """-2 log likelihood of the touches, with all sets."""
+        return -2 * self.odds.log_evidence + self.model.rejected
+
+    def likeliest(self, excluded: frozenset[str] = frozenset(), least: float = 0.0) -> list[Candidate]:
+        """The effects of the likeliest set in their likeliest forms, without some labels; empty where the sets that
+        remain have a probability below `least`.
+        """
+        for labels, probability in self.odds.probabilities.items():
+            if probability < least:
+                break
+            if not excluded & labels:
+                return [self.candidates.candidates[k] for k in self.odds.parts[labels][0].forms]
+        return []
+
+    def single(self, label: str) -> Candidate:
+        """An effect in its likeliest form."""
+        return self.candidates.candidates[self.odds.best[label]]
+
+    def ranking(self, roles: Mapping[str, str]) -> tuple[Ranked, ...]:
+        """Every effect by itself, the likeliest first, with its role by label, ``rejected`` by default."""
+        found = []
+        for label in sorted(self.odds.best, key=lambda one: -self.odds.bayes_factors[one]):
+            candidate, gain = self.single(label), 2 * self.odds.bayes_factors[label]
+            role = roles.get(candidate.effect.label, 'rejected')
+            tested = significance(self.problem, candidate)
+            found.append(Ranked(candidate.effect, role, *tested, gain, candidate.independent_part))
+        return (*found, *self.candidates.unidentifiable)
+
+    def alternatives(self, least: float) -> tuple[Alternative, ...]:
+        """The values by each set with a probability of at least `least` of which they can be stated."""
+        b, c = len(self.linear.of_residual), len(self.linear.is_declared)
+        known = np.isfinite(self.lift).all(axis=0)
+        stated = {
+            labels: [part for part in parts if all(known[b + c + self.forms[k].columns].all() for k in part.forms)]
+            for labels, parts in self.odds.parts.items()
+        }
+        fit, sets = self.model.fit, {x: p for x, p in self.odds.probabilities.items() if stated[x] and p >= least}
+        odds = self.odds._replace(parts=stated, probabilities=sets)
+        now, total = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), sum(sets.values())
+        return tuple(
+            Alternative(tuple(sorted(labels)), probability / total, mean - now, covariance)
+            for labels, probability, mean, covariance in components(
+                self.linear, self.forms, odds, np.nan_to_num(self.lift)
+            )
+        )
+
+
+def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
+    """Weigh the sets of effects of the catalogue at a fit."""
+    c, problem = model.fit, pose_problem(model.fit, model.level)
+    arm, point = c.cell.uncertainty.effects.arm, problem.point
+    rows, m, size = point.whitened.residual.size, len(c.errors), len(c.model.names)
+    every = all_candidates(problem, known)
+    kept = every.candidates
+    by_errors = np.zeros((rows, 0)) if point.whitened.by_errors is None else point.whitened.by_errors.reshape(rows, -1)
+    by_effects = point.whitened.derivative.reshape(rows, -1)
+    own = amplitudes(c)
+    y = point.whitened.residual.ravel() - by_errors @ np.concatenate([c.errors, c.random_values]) - by_effects @ own
+
+    trials = [item.trial for item in kept]
+    units = [trial_units(item.effect, item.trial, arm) for item in kept]
+    gross = problem.changes(*trials) * np.concatenate([*units, []])
+    columns = np.split(np.arange(gross.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
+    of_gross = np.full((size + by_errors.shape[1], gross.shape[1]), np.nan)
+    fitted = {effect.label: values for effect, values, _ in fitted_effects(c) if len(values)}
+    labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
+    named = []
+    for item, unit, at in zip(kept, units, columns, strict=True):
+        own_random = size + m + np.flatnonzero(labels == item.effect.label)
+        if item.effect.label in fitted:
+            first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
+            places = first + np.arange(len(fitted[item.effect.label]))
+            amount = np.linalg.lstsq(gross[:, at], by_effects[:, places] @ own[places], rcond=None)[0] * unit
+            of_gross[:, at] = 0.0
+            of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
+            named.append(at)
+        elif len(own_random):
+            beside = by_errors[:, own_random - size]
+            found = np.linalg.lstsq(beside, gross[:, at], rcond=1e-6)[0]
+            if (
+                np.linalg.norm(gross[:, at] - beside @ found, axis=0) <= _LACKING * np.linalg.norm(gross[:, at], axis=0)
+            ).all():
+                of_gross[:, at] = 0.0
+                of_gross[np.ix_(own_random, at)] = found
+    mine = np.concatenate([*named, []]).astype(np.intp)
+    by_small = np.concatenate([np.ones(m), model.typical])
+    small = np.concatenate([by_errors * by_small, gross[:, mine]], axis=1)
+    of_small = np.concatenate([np.pad(np.diag(by_small), ((size, 0), (0, 0))), of_gross[:, mine]], axis=1)
+    of_base = np.zeros((len(of_small), problem.jacobian.shape[1]))
+    of_base[: c.model.base_count] = problem.identifiable
+    is_declared = np.concatenate([np.ones(m, dtype=bool), ~model.is_free, np.zeros(len(mine), dtype=bool)])
+
+    behind, off = trusted_rows(c, problem.identifiable)
+    zeros = np.zeros((len(behind), small.shape[1] + gross.shape[1]))
+    linear = LinearProblem.of(
+        np.concatenate([problem.jacobian, behind]),
+        np.concatenate([np.concatenate([small, gross], axis=1), zeros]),
+        np.concatenate([y, off]),
+        is_declared,
+        problem.noise_given,
+        _log_determinant(point) + _log_determinant(select(c.projection, ~c.used)),
+    )
+    shares = _shares(kept)
+    forms = tuple(
+        Form(item.effect.label if item.effect.is_physical else UNNAMED, at, share)
+        for item, at, share in zip(kept, columns, shares, strict=True)
+    )
+    present = {form.label for form in forms}
+    weights = {item.effect.label: _SPECIAL for item in kept if present & set(item.effect.special_cases)}
+    odds = posterior_odds(linear, forms, weights)
+    lift = np.concatenate([of_base, of_small, of_gross], axis=1)
+    return Weighed(model, problem, every, forms, linear, odds, lift)
+
+
+def _log_determinant(point: Point) -> float:
+    """Of the variances of the noise."""
+    l11, _, l22 = point.whitened.root
+    return 2 * float(np.log(l11 * l22).sum())
+
+
+def _shares(candidates: Sequence[Candidate]) -> Floats:
+    """Of each candidate in the prior of its effect, at most 1 together; the curves are one effect."""
+    share = np.array([item.share for item in candidates])
+    names = np.array([item.effect.label if item.effect.is_physical else UNNAMED for item in candidates])
+    curves = names == UNNAMED
+    share[curves] /= max(curves.sum(), 1)
+    for name in set(names.tolist()):
+        share[names == name] /= max(share[names == name].sum(), 1.0)
+    return share
+
+
+def trial_units(effect: Effect, trial: Trial, arm: ArmClass) -> Floats:
+    """The coefficients of a trial, (m,), by which the effect has its typical size."""
+    if not effect.is_physical:
+        return np.full(len(trial.columns), _CURVE)
+    units = []
+    for coefficients in np.eye(len(trial.columns)):
+        sizes = np.abs(effect.amplitudes(np.asarray(trial.values(coefficients))))
+        typical = [size / typical_size(effect, k, arm) for k, size in enumerate(sizes.tolist())]
+        units.append(1 / max(typical))
+    return np.array(units)
+
+
+def _by_coefficients(trial: Trial, at: Floats) -> Floats:
+    """Derivative of the values of an effect by the coefficients of a trial (m,), (k, m)."""
+    step = 1e-4 * max(float(np.abs(at).max()), 1e-9)
+    ends = [(np.asarray(trial.values(at + one)), np.asarray(trial.values(at - one))) for one in step * np.eye(len(at))]
+    return np.array([(after - before) / (2 * step) for after, before in ends]).T
