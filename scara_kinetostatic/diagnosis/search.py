@@ -148,10 +148,9 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         known: the catalogue.
         plain: the mixed model without names, where it is known.
     """
-    model, names, excluded, visited = plain or fit_mixed(c, known, freedoms=HEAVY_TAILS), set(), frozenset[str](), []
+    model, names, excluded = plain or fit_mixed(c, known, freedoms=HEAVY_TAILS), set(), frozenset[str]()
     for _ in range(6):  # most searches end after two rounds
         weighed = weigh(model, known)
-        visited.append(weighed)
         members = weighed.likeliest(excluded, POSSIBLE)
         wanted = {_name(member) for member in members}
         if wanted == names or not members:
@@ -169,7 +168,7 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         excluded |= wrong
         if not wrong:
             model, names = fitted, wanted
-    return Search(min(visited, key=lambda one: one.deviance), c)
+    return Search(weighed, c)
 
 
 def _fit(

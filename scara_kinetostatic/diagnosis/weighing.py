@@ -119,18 +119,20 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     gross = problem.changes(*trials) * np.concatenate([*units, []])
     columns = np.split(np.arange(gross.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
     of_gross = np.full((size + by_errors.shape[1], gross.shape[1]), np.nan)
-    fitted = {effect.label: values for effect, values, _ in fitted_effects(c) if len(values)}
+    fitted = {effect: len(values) for effect, values, _ in fitted_effects(c) if len(values)}
     labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
     named = []
     for item, unit, at in zip(kept, units, columns, strict=True):
         own_random = size + m + np.flatnonzero(labels == item.effect.label)
-        if item.effect.label in fitted:
+        if item.effect in fitted:
             first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
-            places = first + np.arange(len(fitted[item.effect.label]))
+            places = first + np.arange(fitted[item.effect])
             amount = np.linalg.lstsq(gross[:, at], by_effects[:, places] @ own[places], rcond=None)[0] * unit
             of_gross[:, at] = 0.0
             of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
-            named.append(at)
+            # as wide as the one form that it is of those that undetected effects have
+            forms = {tuple(values) for values in item.effect.forms(problem.touch_state)}
+            named.append((at, 1 / max(len(forms), 1) ** 0.5))
         elif len(own_random):
             beside = by_errors[:, own_random - size]
             found = np.linalg.lstsq(beside, gross[:, at], rcond=1e-6)[0]
@@ -139,10 +141,11 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
             ).all():
                 of_gross[:, at] = 0.0
                 of_gross[np.ix_(own_random, at)] = found
-    mine = np.concatenate([*named, []]).astype(np.intp)
+    mine = np.concatenate([*(at for at, _ in named), []]).astype(np.intp)
+    less = np.concatenate([*(np.full(len(at), part) for at, part in named), []])
     by_small = np.concatenate([np.ones(m), model.typical])
-    small = np.concatenate([by_errors * by_small, gross[:, mine]], axis=1)
-    of_small = np.concatenate([np.pad(np.diag(by_small), ((size, 0), (0, 0))), of_gross[:, mine]], axis=1)
+    small = np.concatenate([by_errors * by_small, gross[:, mine] * less], axis=1)
+    of_small = np.concatenate([np.pad(np.diag(by_small), ((size, 0), (0, 0))), of_gross[:, mine] * less], axis=1)
     of_base = np.zeros((len(of_small), problem.jacobian.shape[1]))
     of_base[: c.model.base_count] = problem.identifiable
     is_declared = np.concatenate([np.ones(m, dtype=bool), ~model.is_free, np.zeros(len(mine), dtype=bool)])
