@@ -235,7 +235,7 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
     """
     p_value, named = _p_value(found), [effect.label for effect in found.named]
     wanted = [label for label in (*found.found, *chain(*found.rivals)) if label != found.angles]
-    if not found.found or found.rivals:
+    if not found.is_explained:
         wanted = [*wanted, *named]
     # a wave without an amplitude has no phase: rivals like it stay among what is not named, where they are linear
     is_wave = {item.effect.label: bool(item.effect.grid_parameter) for item in found.weighed.candidates.candidates}
@@ -250,7 +250,9 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
     fit = _averaged(found.weighed, fit)
     effects = _describe(fit, found)
     curves = included.get(UNNAMED, 0.0) >= 0.5
-    verdict = 'unexplained' if curves or after.p_value < STRICT_SIGNIFICANCE else 'ambiguous' if rivals else 'explained'
+    verdict = 'explained' if found.is_explained else 'ambiguous'
+    if curves or after.p_value < SIGNIFICANCE:
+        verdict = 'unexplained'
     if verdict == 'unexplained':
         # beside what is missing a name is no more than possible; a fitted curve names nothing
         effects = tuple(item._replace(is_possible=item.effect.is_physical) for item in effects)
@@ -297,7 +299,7 @@ def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
             continue
         values, label = _values(effect, estimates, std, extended), effect.label if effect.is_physical else UNNAMED
         with_it = [item for item in extended.alternatives if label in item.effects]
-        if with_it and effect.parameters:
+        if effect.parameters and 0 < len(with_it) < len(extended.alternatives):
             first = extended.model.names.index(f'{effect.label}.{effect.parameters[0].name}')
             at = slice(first, first + len(values))
             weight = np.array([item.probability for item in with_it])
@@ -305,6 +307,8 @@ def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
             mean = weight @ off / weight.sum()
             square = np.array([np.diag(item.covariance)[at] for item in with_it]) + (off - mean) ** 2
             stds = np.where(np.isfinite(std), np.sqrt(weight @ square / weight.sum()), np.nan)
+            if effect.grid_parameter:  # which the linear problem holds
+                stds[effect.grid_parameter_index] = std[effect.grid_parameter_index]
             values = _values(effect, estimates + mean, stds, extended)
         is_certain = found.inclusion.get(label, 0.0) >= FOUND or not effect.is_physical
         items.append(Found(effect, values, is_certain))

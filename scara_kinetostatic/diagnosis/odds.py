@@ -119,7 +119,7 @@ class LinearProblem(NamedTuple):
     def log_likelihood(self, square: Floats, log_determinant: Floats) -> Floats:
         """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""
         nu = self.freedoms
-        square = np.maximum(square, 1e-300)
+        square = np.maximum(square, 1e-8 * nu)  # whitened, less is rounding
         free = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
         if self.noise_given:
             larger = np.where(square > nu, free - np.log(np.log(_MOST_NOISE)) + np.log(UNDERSTATED), -np.inf)

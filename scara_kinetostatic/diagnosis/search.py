@@ -125,13 +125,18 @@ class Search(NamedTuple):
         return tuple(label for label, p in included.items() if p >= FOUND and label != UNNAMED)
 
     @property
+    def is_explained(self) -> bool:
+        """Whether the effects found may be all that is missing."""
+        alone = sum(item.probability for item in self.probabilities if set(item.effects) <= set(self.found))
+        return bool(self.found) and alone >= POSSIBLE
+
+    @property
     def rivals(self) -> tuple[tuple[str, ...], ...]:
         """Groups of labels that replace each other, where the effects found do not explain the touches alone."""
-        found = set(self.found)
-        sets = [(set(item.effects) - found - {UNNAMED}, item.probability) for item in self.probabilities]
-        if sum(p for labels, p in sets if not labels) >= POSSIBLE:
+        if self.is_explained:
             return ()
-        likely = [labels for labels, p in sets if labels and p >= POSSIBLE * sets[0][1]]
+        sets = [(set(item.effects) - {*self.found, UNNAMED}, item.probability) for item in self.probabilities]
+        likely = [labels for labels, p in sets if labels and p >= POSSIBLE * sets[0][1]] or [set[str]()]
         best, every = likely[0], dict.fromkeys(label for labels in likely for label in sorted(labels))
         groups = []
         for label in sorted(best):
