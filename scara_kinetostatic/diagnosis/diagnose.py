@@ -36,17 +36,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
-from scara_kinetostatic.diagnosis.search import (
-    FOUND,
-    LEAST,
-    POSSIBLE,
-    SEEN,
-    Moment,
-    Search,
-    likeliest,
-    moments,
-    settled,
-)
+from scara_kinetostatic.diagnosis.search import FOUND, LEAST, POSSIBLE, Moment, Search, likeliest, moments, naming
 from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
@@ -155,7 +145,7 @@ def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -
 
 
 def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, float]:
-    """Weigh what may be missing, and report nothing, a lack of fit or an extended model; with the deviance of the model.
+    """Weigh what may be missing, and report nothing, a lack of fit or an extended model; the deviance of the model.
 
     The p-value is that of "no effect is gross": the inverse of its Bayes factor, which is smaller than p with a
     probability of at most p where nothing is missing; or, where the noise is stated, of the chi-square of the mixed
@@ -166,8 +156,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
     if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
         return _without_effects(c, plain), plain.deviance
-    found = likeliest(c, known, off_normal < FRICTION_SIGNIFICANCE)
-    found = settled(found, known, [effect.label for effect in found.named])
+    found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
         if _chi_square_p_value(found.fit) >= STRICT_SIGNIFICANCE and not implausible:
             return _without_effects(c, plain), plain.deviance
@@ -211,8 +200,7 @@ def _without_effects(c: Calibration, plain: Weighed) -> Diagnosis:
 
 def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
     """The mean over the sets of effects, and what large effects that are not seen may change."""
-    seen = weighed.odds.none < 1 - SEEN
-    return with_large_effects(averaged(fit, weighed.alternatives(LEAST)) if seen else fit, weighed.model)
+    return with_large_effects(averaged(fit, weighed.alternatives(LEAST)), weighed.model)
 
 
 def _chi_square_p_value(fit: Calibration) -> float:
@@ -241,7 +229,7 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
     is_wave = {item.effect.label: bool(item.effect.grid_parameter) for item in found.weighed.candidates.candidates}
     wanted = [label for label in dict.fromkeys(wanted) if label in named or not is_wave[label]][:_MOST_NAMED]
     if set(wanted) != set(named):
-        found = settled(found, known, wanted)
+        found = naming(found, known, wanted)
     when = moments(found.fit)
     included = found.inclusion
     # in the union of rivals one may stand for the other at any place; each by itself has its own
@@ -293,7 +281,7 @@ def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
 
 def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
     """All named effects with their values, of each those that it has if it is gross."""
-    items, count = [], extended.model.base_count
+    items = list[Found]()
     for effect, estimates, std in fitted_effects(extended):
         if effect.label in extended.held_effects:
             continue

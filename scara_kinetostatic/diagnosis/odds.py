@@ -6,21 +6,21 @@ Whitened, the misclosures of the touches are, to first order,
 
 Every effect of the catalogue has a small part, u_g, in units of its typical size, all with a common size τ; those of
 the set S are **gross**. A form is one way of being gross, an effect at one of its frequencies or moments; the prior of
-an effect is shared among its forms. Whatever explains the touches and is not in the catalogue is the effect ``unnamed``,
+an effect is shared among its forms. Whatever explains the touches and is not in the catalogue is the effect `UNNAMED`,
 whose forms are smooth curves.
 
 **Priors.** Δ is flat. τ and the gross sizes s, in typical sizes, are half-Cauchy with scales 1 and `SCALE`, on grids;
 the number of gross effects has the prior `NUMBER`, and the sets of a number are alike but for `UNNAMED`. All sizes are
-integrated, so that more effects have to explain more. Noise that is stated is known, or larger, with `UNDERSTATED`; else
-its level is integrated, as flat in its logarithm.
+integrated, so that more effects have to explain more. Noise that is stated is known or, with `UNDERSTATED`, larger;
+else its level is integrated, as flat in its logarithm.
 
 **Likelihood.** J is projected off once; then only Z'MZ, Z'My and y'My of the columns Z = (N, X) count. At τ the small
-parts are factorised once, K = I + W A W, which leaves of the gross columns A_V = A - A W K⁻¹ W A and b_V alike, and sets
+parts are factorised once, K = I + W A W, which leaves of the gross columns A_V = A - A W K⁻¹ W A, and b_V alike; sets
 follow from the blocks of these, one effect at a time.
 
-**Inclusion** of an effect is the probability that it is gross: the sum over the sets with it. A set whose further effect
-has a Bayes factor below `_NEEDED` counts as the one without, unless this is the empty one: effects that are not seen
-would take from the probability of those that are.
+**Inclusion** of an effect is the probability that it is gross: the sum over the sets with it. A set whose further
+effect has a Bayes factor below `NEEDED` counts as the one without, unless this is the empty one: effects that are not
+seen would take from the probability of those that are.
 
 Source: Gelman, Bayesian Analysis 1 (2006) 515, for the priors of the sizes; Kass and Raftery, J. Am. Stat. Assoc. 90
 (1995) 773, for Bayes factors.
@@ -50,7 +50,7 @@ _UNNAMED_SHARE = 0.05
 UNDERSTATED = 0.05
 """Prior of stated noise that is too small, by up to `_MOST_NOISE`."""
 _MOST_NOISE = 10.0
-_NEEDED = 3.0
+NEEDED = 3.0
 _PAIRS, _TRIPLES = 60, 8
 """Sets of two and three effects that are integrated, the most promising ones."""
 _NEGLIGIBLE = 12.0
@@ -305,7 +305,7 @@ class _Scan:
         for row, (one, log) in enumerate(zip(sets.tolist(), evidence.tolist(), strict=True)):
             if log < most - _NEGLIGIBLE and k > 1:
                 continue
-            order = np.argsort(-every[row])[: 4 * _PARTS]
+            order = np.argsort(-every[row])[: _PARTS if log > most - _NEGLIGIBLE / 2 else 1]
             taken = np.exp(np.logaddexp.reduce(every[row, order]) - log)
             for place in order.tolist():  # the rest counts with these
                 number, size = divmod(place, logs.shape[2])
@@ -388,7 +388,7 @@ def _gathered(
         if not fewer:
             continue
         best = max(fewer, key=lambda one: logs[one] - priors[one])
-        if logs[labels] - priors[labels] - (logs[best] - priors[best]) < np.log(_NEEDED):
+        if logs[labels] - priors[labels] - (logs[best] - priors[best]) < np.log(NEEDED):
             # the prior of the smaller set stays, so that what is merged does not count as evidence for it
             merged = float(np.logaddexp(logs[best], logs.pop(labels)))
             priors[best] += merged - logs[best]

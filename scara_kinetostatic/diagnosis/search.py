@@ -1,9 +1,9 @@
 """Search for missing effects: weigh all sets of effects at the latest fit, fit the likeliest one, weigh again, until it
 stays.
 
-Sets of effects are compared in the linear problem at a fit (`diagnosis.odds`), in which every effect of the catalogue has
-a small part by the size that the errors of this robot have as a whole. So a set is likely only where it explains what
-errors of that size do not.
+Sets of effects are compared in the linear problem at a fit (`diagnosis.odds`), in which every effect of the catalogue
+has a small part by the size that the errors of this robot have as a whole. So a set is likely only where it explains
+what errors of that size do not.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
-    CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
     STRICT_SIGNIFICANCE,
@@ -32,7 +31,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
@@ -46,11 +45,9 @@ from scara_kinetostatic.model.parameters import G2, P_EE
 FOUND = 0.95
 """Inclusion from which on an effect is found."""
 POSSIBLE = 0.05
-"""Inclusion from which on an effect that is not found is a rival, and probability of "no effect" below which the touches
-show that something is missing.
+"""Probability of "no effect" below which the touches show that something is missing; part of the likeliest set's
+probability from which on another one is its rival.
 """
-SEEN = 0.01
-"""Probability of all gross effects together below which the fit is no mean over them."""
 LEAST = 1e-3
 """Probability below which a set of effects does not count."""
 _MOST_NAMED = 5
@@ -145,26 +142,26 @@ class Search(NamedTuple):
         return tuple(dict.fromkeys(groups))
 
 
-def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None = None) -> Search:
+def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = None) -> Search:
     """The mixed model of a calibration with the likeliest set of effects.
 
     Args:
         c: the base model; effects that it has stay.
         known: the catalogue.
-        plain: the mixed model without names, where it is known.
+        plain: the sets weighed at the mixed model without names, where they are known.
     """
-    model, names, excluded = plain or fit_mixed(c, known, freedoms=HEAVY_TAILS), set(), frozenset[str]()
-    for _ in range(6):  # most searches end after two rounds
-        weighed = weigh(model, known)
+    weighed = plain or weigh(fit_mixed(c, known), known)
+    names, excluded = set[tuple[str, float]](), frozenset[str]()
+    for _ in range(6):  # most searches end after one or two rounds
         members = weighed.likeliest(excluded, POSSIBLE)
         wanted = {_name(member) for member in members}
         if wanted == names or not members:
             break
-        fitted = _fit_named(c, known, weighed.problem, members, freedoms=HEAVY_TAILS)
+        fitted = _fit_named(c, known, weighed.problem, members)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
             alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
             if alone is not None and len(alone.touches) == len(c.touches):
-                fitted = _fit(replace(c, used=alone.used), known, alone.model, freedoms=HEAVY_TAILS)
+                fitted = _fit(replace(c, used=alone.used), known, alone.model)
         if fitted is None:
             has_curve = not all(member.effect.is_physical for member in members)
             excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
@@ -172,24 +169,19 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         wrong = {effect.label for effect, values, _ in fitted_effects(fitted.fit) if not effect.is_plausible(values)}
         excluded |= wrong
         if not wrong:
-            model, names = fitted, wanted
+            weighed, names = weigh(fitted, known), wanted
     return Search(weighed, c)
 
 
 def _fit(
-    c: Calibration,
-    known: Sequence[Effect],
-    start: ExtendedModel,
-    most: int = 8,
-    freedoms: float = LIGHT_TAILS,
-    begin: MixedModel | None = None,
+    c: Calibration, known: Sequence[Effect], start: ExtendedModel, begin: MixedModel | None = None
 ) -> MixedModel | None:
-    """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
+    """The mixed model with effects named, None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
     curve must predict touches that it was not fitted to, as well as the base model does.
     """
     try:
-        model = fit_mixed(c, known, start, most, freedoms=freedoms, begin=begin)
+        model = fit_mixed(c, known, start, begin=begin)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
     fit = model.fit
@@ -207,14 +199,12 @@ def _fit_named(
     problem: Problem,
     members: Sequence[Candidate],
     others: Sequence[Candidate] = (),
-    most: int = 8,
-    freedoms: float = LIGHT_TAILS,
 ) -> MixedModel | None:
     """The mixed model with effects named, begun where they fit the linear problem best (`start_from`) or, as large ones
     are not linear, at a quarter of the way.
     """
     starts = (start_from(problem, members, others, step) for step in (1.0, 0.25))
-    return next(filter(None, (_fit(c, known, start, most, freedoms) for start in starts)), None)
+    return next(filter(None, (_fit(c, known, start) for start in starts)), None)
 
 
 def _name(member: Candidate) -> tuple[str, float]:
@@ -248,20 +238,21 @@ def start_from(
     return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
 
-def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Search:
+def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_normal: bool) -> Search:
     """The likeliest of several ways to begin: with the touches of the fit, or with all where some were rejected,
     which an effect may explain; with the usual noise, where what is missing was taken for it; with off-normal angles.
 
     Args:
         c: the base model.
         known: the catalogue.
+        plain: the sets weighed at the mixed model without names.
         off_normal: whether the test of the off-normal angles is significant.
     """
-    found = [identify(c, known)]
+    found = [identify(c, known, plain)]
     if not c.used.all() and not found[0].fit.used.all():
         every = replace(c, used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
-            found.append(identify(every, known, fit_mixed(every, known, keeps_touches=True, freedoms=HEAVY_TAILS)))
+            found.append(identify(every, known, weigh(fit_mixed(every, known, keeps_touches=True), known)))
     if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
@@ -283,30 +274,23 @@ def _likeliest(found: Sequence[Search]) -> Search:
     return min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
 
 
-def settled(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Search:
-    """A search with the fit of some effects, others as they are without large ones.
+def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Search:
+    """A search with the fit of other effects; as it is where there is none.
 
     Args:
         found: the search.
         known: the catalogue.
         labels: of the effects to name.
     """
-    model, weighed = found.fit.model, found.weighed
-    base = replace(found.base, used=found.fit.used)
+    model, base = found.fit.model, replace(found.base, used=found.fit.used)
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
-    own = {effect.label for effect in base.model.effects}
-    is_same = set(labels) == set(pairs) - own
     for label in labels:  # rivals together would start at large values of opposite sign: at zero
         if label not in pairs:
-            item = weighed.single(label)
+            item = found.weighed.single(label)
             pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
-    chosen = [pairs[label] for label in labels]
-    named = ExtendedModel(model.parameters, *(tuple(part) for part in zip(*chosen, strict=True))) if chosen else None
-    light = _fit(base, known, named or ExtendedModel(model.parameters), begin=weighed.model if is_same else None)
-    # where steps across a kink have led it away, the fit that it began at is better
-    if light is None or (is_same and light.deviance > weighed.model.deviance + CREDIBLE):
-        return found
-    return found._replace(weighed=weigh(light, known))
+    effects, values = zip(*(pairs[label] for label in labels), strict=True) if labels else ((), ())
+    fitted = _fit(base, known, ExtendedModel(model.parameters, effects, values))
+    return found if fitted is None else found._replace(weighed=weigh(fitted, known))
 
 
 def _is_robot(fit: Calibration) -> bool:

@@ -1,7 +1,8 @@
 """The sets of effects that explain a fit, weighed (`diagnosis.odds`), and the values by each of them.
 
-The small columns of the linear problem are those of the mixed model: declared errors, and the small part of every effect
-in its typical size. The gross ones are those of the candidates, an effect at each of its likely trials, in the same unit.
+The small columns of the linear problem are those of the mixed model: declared errors, and the small part of every
+effect in its typical size. The gross ones are those of the candidates, an effect at each of its likely trials, in the
+same unit.
 """
 
 from __future__ import annotations
@@ -16,7 +17,17 @@ from scara_kinetostatic.calibration.result import Alternative
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, all_candidates, significance
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
 from scara_kinetostatic.diagnosis.mixed_model import MixedModel, amplitudes, trusted_rows
-from scara_kinetostatic.diagnosis.odds import UNNAMED, Form, LinearProblem, Odds, components, posterior_odds
+from scara_kinetostatic.diagnosis.odds import (
+    NEEDED,
+    UNNAMED,
+    Form,
+    Labels,
+    LinearProblem,
+    Odds,
+    Part,
+    components,
+    posterior_odds,
+)
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.undetected import typical_size
@@ -84,15 +95,29 @@ class Weighed(NamedTuple):
         return (*found, *self.candidates.unidentifiable)
 
     def alternatives(self, least: float) -> tuple[Alternative, ...]:
-        """The values by each set with a probability of at least `least` of which they can be stated."""
-        b, c = len(self.linear.of_residual), len(self.linear.is_declared)
-        known = np.isfinite(self.lift).all(axis=0)
-        stated = {
-            labels: [part for part in parts if all(known[b + c + self.forms[k].columns].all() for k in part.forms)]
-            for labels, parts in self.odds.parts.items()
-        }
-        fit, sets = self.model.fit, {x: p for x, p in self.odds.probabilities.items() if stated[x] and p >= least}
-        odds = self.odds._replace(parts=stated, probabilities=sets)
+        """The values by each set with a probability of at least `least` of which they can be stated.
+
+        An effect that is not seen, as its Bayes factor alone is small, counts as none: what it may change is that of
+        large effects (`mixed_model.with_large_effects`).
+        """
+        b, c, sets = len(self.linear.of_residual), len(self.linear.is_declared), dict[Labels, float]()
+        known, parts = np.isfinite(self.lift).all(axis=0), dict[Labels, list[Part]]()
+        has_none = frozenset() in self.odds.probabilities
+        for labels, probability in self.odds.probabilities.items():
+            stated = [
+                part
+                for part in self.odds.parts[labels]
+                if all(known[b + c + self.forms[k].columns].all() for k in part.forms)
+            ]
+            if has_none and len(labels) == 1 and self.odds.bayes_factors[next(iter(labels))] < np.log(NEEDED):
+                sets[frozenset()] = sets.get(frozenset(), 0.0) + probability
+            elif stated:
+                sets[labels] = sets.get(labels, 0.0) + probability
+                parts[labels] = stated
+        sets = {labels: probability for labels, probability in sets.items() if probability >= least}
+        if len(sets) < 2:
+            return ()
+        fit, odds = self.model.fit, self.odds._replace(parts=parts, probabilities=sets)
         now, total = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), sum(sets.values())
         return tuple(
             Alternative(tuple(sorted(labels)), probability / total, mean - now, covariance)
