@@ -17,6 +17,13 @@ worst counts; where the cell has a region or limits of the joints, the poses tha
 a posture that was not touched, that as well. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is
 stretched. Places whose joint angles are not between those of the touches are extrapolated; the map says which.
 
+**Several possible causes** (`Calibration.alternatives`) make the tip a mixture of normal distributions, one for each set
+of effects, by their probabilities. U is then the radius about its mean that holds the tip with `LEVEL` (JCGM 101, 7.7),
+under the force with the largest variance at each place. The probability that one of them, turned into its axes, is
+within r is an integral along the longer one, by Gauss and Legendre:
+
+    P = ∫_(-r)^r N(x; m_x, s_x) [Φ((√(r² - x²) - m_y)/s_y) - Φ((-√(r² - x²) - m_y)/s_y)] dx.
+
 The play of a joint without load is not part of it: this is a property of the arm, not of the calibration.
 """
 
@@ -27,8 +34,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
+from scipy.special import ndtr
 
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, VALUE
+from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
@@ -50,6 +59,8 @@ COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
 NEARLY_STRETCHED = 0.985
 """Of the arm's length: the workspace ends there, and as near to where the arm is folded."""
+LEVEL = 0.95
+"""Coverage probability of the radius of a mixture."""
 POSTURES = (1, -1)
 """Of the elbow: left and right."""
 LEAST_WITHIN = 0.1
@@ -306,6 +317,10 @@ def tip_uncertainty(c: Calibration) -> TipUncertainty:
     area = workspace(c)
     variances = area.variances(c.covariance)
     expanded = COVERAGE_FACTOR * np.sqrt(variances.max(axis=1))
+    if c.alternatives:
+        largest = np.arange(len(expanded)), np.nan_to_num(variances).argmax(axis=1)
+        worst = area.derivative.reshape(*variances.shape, 2, -1)[largest]
+        expanded = np.where(np.isfinite(expanded), _mixture_radius(c, worst), np.nan)
     known = np.isfinite(expanded)
     values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
     values[area.reached], touched[area.reached] = expanded, area.touched
@@ -313,7 +328,7 @@ def tip_uncertainty(c: Calibration) -> TipUncertainty:
     return TipUncertainty(
         median=_statistic(np.median, expanded[known]),
         worst=_statistic(np.max, expanded[known]),
-        at=_worst_pose(c, area, variances),
+        at=_worst_pose(c, area, variances, expanded),
         median_touched=_statistic(np.median, expanded[known & area.touched]),
         worst_touched=_statistic(np.max, expanded[known & area.touched]),
         undetermined=float(np.mean(~known)),
@@ -323,16 +338,61 @@ def tip_uncertainty(c: Calibration) -> TipUncertainty:
     )
 
 
+def _mixture_radius(c: Calibration, derivative: Floats) -> Floats:
+    """Radius about the mean of the alternatives that holds the tip with `LEVEL`, (n,), m.
+
+    Args:
+        c: the calibration, at the mean of its alternatives.
+        derivative: of the tip by the values of the model at n poses, (n, 2, 12 + k).
+    """
+    (kept, sizes), others = of_full_model(c), (LARGE_EFFECT, VALUE)
+    more = sum(part.covariance for part in c.contributions if part.label.startswith(others))
+    means = np.stack([derivative @ (sizes * item.change[kept]) for item in c.alternatives], axis=1)
+    covariances = [
+        tip_covariance(derivative, sizes[:, None] * item.covariance[np.ix_(kept, kept)] * sizes + more)
+        for item in c.alternatives
+    ]
+    return radius(np.array([item.probability for item in c.alternatives]), means, np.stack(covariances, axis=1))
+
+
+def radius(probabilities: Floats, means: Floats, covariances: Floats) -> Floats:
+    """Radii about the origin that hold mixtures of plane normal distributions with `LEVEL`, (n,).
+
+    Args:
+        probabilities: of the components, (k,).
+        means: (n, k, 2).
+        covariances: (n, k, 2, 2).
+    """
+    values, axes = np.linalg.eigh(covariances)
+    std = np.sqrt(np.maximum(values, 1e-300))
+    mean = (axes.swapaxes(-1, -2) @ means[..., None])[..., 0]
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    low, high = np.zeros(len(means)), (np.linalg.norm(means, axis=-1) + 8 * std[..., 1]).max(axis=1)
+    for _ in range(20):
+        middle = (low + high) / 2
+        r = middle[:, None]
+        ends = np.maximum(-r, mean[..., 1] - 8 * std[..., 1]), np.minimum(r, mean[..., 1] + 8 * std[..., 1])
+        half = np.maximum(ends[1] - ends[0], 0) / 2
+        x = ((ends[0] + ends[1]) / 2)[..., None] + half[..., None] * nodes
+        y = np.sqrt(np.maximum(r[..., None] ** 2 - x**2, 0))
+        across, off, s = std[..., :1], mean[..., :1], std[..., 1:]
+        density = np.exp(-0.5 * ((x - mean[..., 1:]) / s) ** 2) / (s * np.sqrt(2 * np.pi))
+        within = density * (ndtr((y - off) / across) - ndtr((-y - off) / across))
+        is_less = (half * (within @ weights)) @ probabilities < LEVEL
+        low, high = np.where(is_less, middle, low), np.where(is_less, high, middle)
+    return np.asarray(high)
+
+
 def _statistic(function: Callable[[Floats], Any], values: Floats) -> float:
     return float(function(values)) if len(values) else float('nan')
 
 
-def _worst_pose(c: Calibration, area: Workspace, variances: Floats) -> WorstPose | None:
-    """That with the largest variance, of the places where it is determined under all forces."""
-    known = np.where(np.isnan(variances).any(axis=1, keepdims=True), -1.0, variances)
-    if known.max() < 0:
+def _worst_pose(c: Calibration, area: Workspace, variances: Floats, expanded: Floats) -> WorstPose | None:
+    """That with the largest uncertainty, of the places where it is determined under all forces."""
+    if not np.isfinite(expanded).any():
         return None
-    number = int(np.argmax(known))
+    place = int(np.nanargmax(expanded))
+    number = place * variances.shape[1] + int(np.argmax(variances[place]))
     derivative = area.derivative[number]
     direction = np.linalg.eigh(derivative @ c.covariance @ derivative.T)[1][:, -1]
     joints = area.poses.joints[number]
