@@ -191,10 +191,32 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
 
 
 def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
-    """Rivals in one phrase, the first ones by name."""
+    """Rivals in one phrase with their probabilities, the first ones by name."""
     effects, most = d.effects_by_label(), 4
     names = [effects[label].title if label in effects else label for label in group[:most]]
+    names = [
+        f'{name} ({percent(d.inclusion[x])})' if x in d.inclusion else name
+        for x, name in zip(group, names, strict=False)
+    ]
     return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
+
+
+def sets_in_words(d: Diagnosis, most: int = 3) -> str:
+    """The likeliest sets of effects with their probabilities."""
+    effects = d.effects_by_label()
+    known = {'unnamed': 'something else'}
+    texts = []
+    for item in d.probabilities[:most]:
+        names = [known.get(label) or (effects[label].title if label in effects else label) for label in item.effects]
+        texts.append(f'{" and ".join(names) or "no gross error"} ({percent(item.probability)})')
+    left = 1 - sum(item.probability for item in d.probabilities[:most])
+    return ' or '.join([*texts, *([f'others ({percent(left)})'] if left > 0.005 else [])])
+
+
+def percent(probability: float) -> str:
+    """A probability in words, never as certain as it is not."""
+    size = 100 * probability
+    return f'{size:.0f} %' if 1 <= size <= 99 else 'over 99 %' if size > 99 else 'below 1 %'
 
 
 def shifted(evidence: Evidence) -> Iterator[Remark]:

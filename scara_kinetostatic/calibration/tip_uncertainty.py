@@ -17,10 +17,10 @@ worst counts; where the cell has a region or limits of the joints, the poses tha
 a posture that was not touched, that as well. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is
 stretched. Places whose joint angles are not between those of the touches are extrapolated; the map says which.
 
-**Several possible causes** (`Calibration.alternatives`) make the tip a mixture of normal distributions, one for each set
-of effects, by their probabilities. U is then the radius about its mean that holds the tip with `LEVEL` (JCGM 101, 7.7),
-under the force with the largest variance at each place. The probability that one of them, turned into its axes, is
-within r is an integral along the longer one, by Gauss and Legendre:
+**Several possible causes** (`Calibration.alternatives`) make the tip a mixture of normal distributions, one for each
+set of effects, by their probabilities. U is then the radius about its mean that holds the tip with `LEVEL` (JCGM 101,
+7.7), under the force with the largest variance at each place. The probability that one of them, turned into its axes,
+is within r is an integral along the longer one, by Gauss and Legendre:
 
     P = ∫_(-r)^r N(x; m_x, s_x) [Φ((√(r² - x²) - m_y)/s_y) - Φ((-√(r² - x²) - m_y)/s_y)] dx.
 

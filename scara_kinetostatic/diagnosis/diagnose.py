@@ -184,7 +184,7 @@ def _without_effects(c: Calibration, plain: Weighed) -> Diagnosis:
     """The diagnosis where nothing is shown to be missing."""
     found, fit = Search(plain, c), plain.model.fit
     refitted = _averaged(plain, fit) if fit.random is not None else None
-    many = advice.many_small(c.p_value, suspects(fit)) if c.noise_source == 'given' and c.p_value < SIGNIFICANCE else ''
+    is_small = c.noise_source == 'given' and c.p_value < SIGNIFICANCE
     p_value = _p_value(found)
     return Diagnosis(
         'none',
@@ -194,7 +194,8 @@ def _without_effects(c: Calibration, plain: Weighed) -> Diagnosis:
         refitted=refitted,
         probabilities=found.probabilities,
         inclusion=found.inclusion,
-        advice=many,
+        has_small_errors=is_small,
+        advice=advice.many_small(c.p_value, suspects(fit)) if is_small else '',
     )
 
 

@@ -106,6 +106,7 @@ class Diagnosis:
         rivals: effects that the data cannot distinguish, by label.
         probabilities: of all sets of effects that may be gross, the likeliest first; they add up to 1.
         inclusion: the probability of each effect to be gross, by label.
+        has_small_errors: whether nothing is missing but small errors of usual kinds, which the base model lacks.
         extended: the calibration with these effects; None if there are none.
         dependences: what the residual of the base model depends on, significant ones only.
         remaining: the same of the extended model.
@@ -131,6 +132,7 @@ class Diagnosis:
     contradicted: tuple[Contradiction, ...] = ()
     probabilities: tuple[EffectSet, ...] = ()
     inclusion: Mapping[str, float] = field(default_factory=dict)
+    has_small_errors: bool = False
 
     def effects_by_label(self) -> dict[str, Effect]:
         """All effects in the ranking and in the extended model, by label."""

@@ -187,6 +187,8 @@ def _diagnosis(d: Diagnosis, final: Calibration) -> Document:
         'possible': [_found(item) for item in d.found if item.in_every_model and item.is_possible],
         'rivals': [[rival['name'] for rival in group] for group in rivals],
         'rival_effects': rivals,
+        'probabilities': [item._asdict() for item in d.probabilities],
+        'inclusion': d.inclusion,
         'remaining_p_value': d.remaining_p_value,
         'advice': d.advice,
         'dependences': d.dependences,

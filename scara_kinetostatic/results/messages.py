@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scara_kinetostatic.assessment.criteria import advice, rivals_in_words
+from scara_kinetostatic.assessment.criteria import advice, rivals_in_words, sets_in_words
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.comparison import Comparison
-from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Level, Table, Verdict, sentence
@@ -31,18 +30,17 @@ def verdict(outcome: Outcome) -> Verdict:
     """Whether the model is complete, and what was found; the assessment says whether to use the result."""
     d, p = outcome.diagnosis, p_equals(outcome.diagnosis.p_value)
     lack = f'The base model does not explain the touches ({p})'
-    if d.verdict != 'none' and d.p_value >= SIGNIFICANCE:  # noise that was estimated covers the error
+    if d.verdict != 'none' and d.p_value >= 0.5:  # noise that was estimated covers the error
         lack = f'The base model explains the touches with more noise than any robot has (with that noise {p})'
     level: Level
     if d.verdict == 'none':
         level, headline = 'good', 'The base model explains these touches'
         c = outcome.calibration
-        if d.p_value < SIGNIFICANCE:
+        if d.has_small_errors:
             headline = 'The base model and small errors of usual kinds explain these touches'
         by_itself = f'{p_equals(c.p_value)} by itself' if c.noise_source == 'given' else 'to which the noise was fitted'
         chi_square = f'reduced chi-square {c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
-        tests = f'{p} for the base model, corrected for the number of tests'
-        sentences = [f'No model error detected ({tests}; {chi_square}, {by_itself}).']
+        sentences = [f'No model error detected ({p} for no gross error; {chi_square}, {by_itself}).']
     elif d.verdict == 'explained':
         level, headline = 'caution', f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found)}'
         sentences = [f'{lack}; extended by what was found it does.']
@@ -61,6 +59,8 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences = [f'{lack}.', *([f'Added to the model: {", ".join(names)}.'] if names else [])]
         contained = 'The standard uncertainties contain undetected effects, but no gross error.'
         sentences.append(contained if outcome.final.has_undetected else 'Do not rely on the standard deviations.')
+    if d.probabilities and (d.verdict != 'none' or d.probabilities[0].effects) and len(d.rivals) != 1:
+        sentences.append(f'Probabilities: {sets_in_words(d)}.')
     sentences.append(f'Verdict: {d.verdict}.')
     return Verdict(f'{headline}.', level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
 
