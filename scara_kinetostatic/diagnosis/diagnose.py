@@ -128,15 +128,17 @@ def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -
     """The diagnosis with the noise of a calibration, estimated where it is stated too large; its deviance."""
     overstated = advice.overstated_noise(calibration)
     found = None if overstated else _examine(calibration, known)
-    if found is not None and found[0].extended is not None:
-        overstated = advice.overstated_noise(found[0].extended)
+    if found is not None and found[0].extended is not None and advice.overstated_noise(found[0].extended):
+        # undetected errors take from the residual; without them it is as large at least as the noise
+        plain = fit_again(found[0].extended)
+        overstated = '' if plain is None else advice.overstated_noise(plain)
     if found is None or overstated:
         cell = replace(calibration.cell, noise=None)
         found = _examine(fit_again(calibration, cell=cell) or calibration, known)
     diagnosis, deviance = found
     if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
-        mixed = fit_mixed(calibration, known)
-        diagnosis = replace(diagnosis, refitted=with_large_effects(mixed.fit, mixed))
+        stated = weigh(fit_mixed(calibration, known), known)
+        diagnosis = replace(diagnosis, refitted=_averaged(stated, stated.model.fit))
     noise = advice.noise_found(diagnosis.extended or diagnosis.refitted or calibration)
     fixed = advice.fixed_parameters(calibration) if diagnosis.verdict != 'none' else ''
     unknown, premises = advice.unknown_history(calibration.touches, diagnosis), advice.premises(diagnosis)
