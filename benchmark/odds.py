@@ -1,0 +1,454 @@
+"""Odds of gross effects among small errors: what is named, whether stated probabilities hold, the tip, time.
+
+    python -m benchmark.odds [--recordings N] [--first SEED] [--kind row1|disc|base|gain|friction] [--by KEY]
+                             [--jobs N] [--log FILE] [--touches DIR] [--picture FILE.svg]
+    python -m benchmark.odds --compare FILE.jsonl... [--by KEY] [--picture FILE.svg]
+
+All touches are simulated. A recording has 30 to 150 touches (log-uniform) of an even plan in both postures, in one of
+`cells`, of a robot some millimetres off its nominal values. None, one or two effects of the catalogue (40, 40, 20 %)
+are gross: of 1 to 10 typical sizes (log-uniform). Every other effect is a small error, normal with its typical size
+times the factor of the population, 1/3, 1 or 3. In every other recording, at random, the objects are declared to 3 µm,
+with radii to 2 µm, and are so well where they are said to be. The noise is stated in three of four.
+
+What counts: gross effects are the truth, and needed. A small error beyond 3 sizes of its population is right where it
+is named, but not needed. In place of an effect one that it contains (`special_cases`), or whose prediction is the same,
+is right, too. Any other name is wrong; a gross effect that is not named is among the rivals or missed. An alarm is a
+verdict other than ``none`` where nothing is gross.
+
+The tip is that of every place of the map of its uncertainty under the mean force in a random direction. Stated over
+actual is the median of the map over √2 times the rms error: 1 for normal errors with equal axes and k = 2. Covered are
+places whose error is within the map.
+
+With ``--kind`` the paper's cell, its discs declared, the noise stated, 30 to 108 touches: ``row1`` are robots whose
+only error is disc_2, 90 and −60 µm off its place; the others have one effect of `KINDS` among small errors of typical
+size. ``--log`` writes a line of JSON for every recording, ``--compare`` shows such files side by side, of the
+recordings that they have in common.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import binomtest
+
+from benchmark.common import NOISE, in_processes, json_value, parser, svg_figure
+from benchmark.diagnosis.cells import PRELOAD, seed_of
+from benchmark.diagnosis.runs import ALIAS_OF, ALIASES
+from benchmark.lone_flaws import of_size, small
+from benchmark.next import true_robot
+from benchmark.outlines import OBJECTS, cell_with
+from benchmark.population import errors_of
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue, find
+from scara_kinetostatic.effects.undetected import typical_size
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.model.outline import Outline
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+Record = dict[str, Any]
+
+FACTORS = (1 / 3, 1.0, 3.0)
+NUMBERS = (0.4, 0.4, 0.2)
+"""Probabilities of no, one and two gross effects."""
+LEAST_TOUCHES, MOST_TOUCHES, MOST_OF_KIND = 30, 150, 108
+DECLARED = {'object_position': 3e-6, 'object_radius': 2e-6, 'object_offset': 2e-6, 'object_rotation': 3e-5}
+"""Standard uncertainty of what is declared of an object, by the effect that it may have: m, rad."""
+LARGE = 3.0
+"""A small error beyond so many sizes of its population is right where it is named."""
+KINDS = {
+    'disc': ([f'object_position[disc_{k}]' for k in (1, 2, 3)], 11.0),  # 110 µm
+    'base': (['base_compliance'], 5.0),
+    'gain': (['encoder_gain[joint1]', 'encoder_gain[joint2]'], 5.0),  # 1e-4
+    'friction': (['contact_friction'], 7.5),  # 0.03
+}
+"""The effects of which a recording of a kind has one, and its size in typical ones."""
+ROW_1, ROW_1_COUNT = (9e-5, -6e-5), 12
+BANDS = (0.5, 0.8, 0.95, 0.99, 1.0)
+LARGEST_RATIO = 4.0
+DIAGNOSED = 0.3, 0.8
+"""Progress of a calibration at which the diagnosis begins and ends."""
+
+
+class Task(NamedTuple):
+    """One recording; of no kind where the kind is empty; simulated touches are kept in the folder."""
+
+    kind: str
+    seed: int
+    folder: Path | None = None
+
+
+class Drawn(NamedTuple):
+    """A recording, and what is true.
+
+    Attributes:
+        about: what it is, for the log.
+        cell: as described.
+        robot: with all its errors.
+        truth: gross effects by label, in typical sizes.
+        large: labels of the small errors beyond `LARGE` sizes.
+    """
+
+    about: Record
+    cell: Cell
+    robot: ExtendedModel
+    truth: Mapping[str, float]
+    large: Sequence[str]
+    plan: Plan
+
+    def touches(self, task: Task) -> TouchSet:
+        """Its touches, read where the same robot has made them before.
+
+        Raises:
+            UnsupportedDataError: the robot cannot hold one.
+        """
+        model = self.robot
+        file = task.folder and task.folder / f'{task.seed}_{seed_of(model.names, *model.as_array())}.npz'
+        if file and file.exists():
+            return TouchSet(**np.load(file))
+        made = simulate_touches(self.cell, model, self.plan, NOISE, task.seed)
+        if file:
+            np.savez(file, **vars(made))
+        return made
+
+
+@cache
+def cells() -> dict[str, Cell]:
+    """The paper's, two discs beside a block, and a small arm with two discs."""
+    two = {'left': 'center: [-0.25, 0.25], radius: 0.07', 'right': OBJECTS['disc']}
+    return {
+        'paper': load_cell(Path(__file__).parents[1] / 'config' / 'cell.yaml'),
+        'three objects': cell_with(**two, block=OBJECTS['block']),
+        'small arm': small().cell,
+    }
+
+
+def declaring(cell: Cell, declared: bool) -> Cell:
+    """A cell whose objects are declared as in `DECLARED`, or not at all."""
+    position, radius, _, angle = (declared * size for size in DECLARED.values())
+    objects = [d._replace(center_std=position, radius_std=radius) for d in cell.discs]
+    turned = (d._replace(angle_std=angle) if isinstance(d, Outline) else d for d in objects)
+    return replace(cell, discs=tuple(turned))
+
+
+def even(cell: Cell, number: int) -> Plan:
+    """So many touches of the even plan that is hardly longer."""
+    per_disc = -(-number // (2 * len(cell.discs)))
+    while len(plan := default_plan(cell, per_disc, preload=PRELOAD)) < number:
+        per_disc += 1
+    return plan.select(np.arange(number))
+
+
+def draw(task: Task) -> Drawn:
+    """The recording of a task; what an effect draws does not depend on the rest of the catalogue."""
+    random, row1 = np.random.default_rng([task.seed, seed_of('odds', task.kind)]), task.kind == 'row1'
+    name, factor, number = str(random.choice(list(cells()))), float(random.choice(FACTORS)), random.choice(3, p=NUMBERS)
+    declared, stated = bool(random.random() < 0.5), bool(random.random() < 0.75)
+    most, part = MOST_OF_KIND if task.kind else MOST_TOUCHES, random.random()
+    if task.kind:
+        name, factor, declared, stated = 'paper', 0.0 if row1 else 1.0, True, True
+        part = task.seed % ROW_1_COUNT / (ROW_1_COUNT - 1) if row1 else part
+    touches = round(LEAST_TOUCHES * (most / LEAST_TOUCHES) ** part)
+    cell = declaring(replace(cells()[name], noise=NOISE if stated else None), declared)
+    base = PAPER_ACTUAL if row1 else true_robot(cell, random)
+    own = {e: np.random.default_rng([task.seed, seed_of('odds', task.kind, e.label)]) for e in catalogue(cell)}
+    labels, size = KINDS.get(task.kind, ([], 0.0))
+    first = sorted((rng.random(), k) for k, (e, rng) in enumerate(own.items()) if e.label != ALIASES[0])
+    gross = [find(cell, random.choice(labels))] if labels else [[*own][k] for _, k in first[:number]]
+    errors = {e: of_size(e, size or float(10 ** own[e].uniform()), own[e]).values[0] for e in gross}
+    if row1:
+        errors = {find(cell, 'object_position[disc_2]'): np.array(ROW_1)}
+    truth = {e.label: float(np.linalg.norm(e.amplitudes(v) / sizes_of(e))) for e, v in errors.items()}
+    large = []
+    for effect in [e for e in own if factor and e not in errors]:
+        sizes = sizes_of(effect, factor, DECLARED if declared else {})
+        errors[effect] = values = np.array(errors_of(effect, sizes, own[effect]))
+        if np.abs(effect.amplitudes(values) / sizes).max() > LARGE:
+            large.append(effect.label)
+    for effect, values in errors.items():
+        if effect.is_stepwise:
+            values[-1] = own[effect].integers(touches // 6, touches - touches // 6) + 0.5
+    robot = ExtendedModel(base, tuple(errors), tuple(tuple(values.tolist()) for values in errors.values()))
+    about = {
+        'kind': task.kind,
+        'seed': task.seed,
+        'cell': name,
+        'factor': factor,
+        'declared': declared,
+        'stated': stated,
+        'touches': touches,
+    }
+    return Drawn(about, cell, robot, truth, large, even(cell, touches))
+
+
+def sizes_of(effect: Effect, factor: float = 1.0, declared: Mapping[str, float] | None = None) -> Floats:
+    """The size of each parameter of an effect in a population, (k,)."""
+    usual = [factor * typical_size(effect, k) for k in range(len(effect.parameters))]
+    return np.array([(declared or {}).get(effect.name, size) for size in usual])
+
+
+def run_task(task: Task) -> Record:
+    """A recording calibrated and judged."""
+    drawn, clock = draw(task), dict[float, float]()
+    record = drawn.about | {'truth': drawn.truth, 'large': drawn.large}
+
+    def note(_: str, part: float) -> None:
+        clock.setdefault(part, process_time())
+
+    try:
+        touches = drawn.touches(task)
+    except ScaraKinetostaticError as error:
+        return record | {'not simulated': str(error)}
+    try:
+        outcome = calibrate_touches(touches, drawn.cell, progress=note)
+        tip = judge_tip(outcome, drawn.robot, np.random.default_rng([task.seed, 7]))
+        grade = outcome.assessment.grade.value
+    except ScaraKinetostaticError as error:
+        return record | {'failure': str(error)}
+    found = outcome.diagnosis
+    begun, ended = (clock[part] for part in DIAGNOSED)
+    return record | {
+        'verdict': found.verdict,
+        'names': [item.effect.label for item in found.found if item.is_found and item.effect.is_physical],
+        'rivals': sorted({label for group in found.rivals for label in group}),
+        'inclusion': dict(getattr(found, 'inclusion', {})),
+        'chi_square': outcome.calibration.reduced_chi_square,
+        'p_value': found.p_value,
+        'grade': grade,
+        'seconds': ended - begun,
+        'tip': tip,
+    }
+
+
+def judge_tip(outcome: Outcome, robot: ExtendedModel, random: np.random.Generator) -> dict[str, float]:
+    """How far the tip is off at the places of the map of its uncertainty, and what is stated, m."""
+    tip, final = outcome.tip_uncertainty, outcome.final
+    size, predictor = float(np.hypot(*final.force[final.used].T).mean()), Predictor(final.arm)
+    errors, stated = [np.zeros(0)], [np.zeros(0)]
+    for area in tip.maps:
+        rows, columns = np.nonzero(np.isfinite(area.expanded))
+        places, angle = np.stack([area.x[columns], area.y[rows]], axis=1), random.uniform(0, 2 * np.pi, len(rows))
+        joints = inverse(final.parameters, places, area.posture)
+        force = size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        metadata = TouchMetadata.plain(len(rows))._replace(posture=np.full(len(rows), area.posture))
+        true, _ = direct_kinetostatics(robot, joints, force, final.cell.gripper_sign, metadata)
+        found = predictor.locate(joints, force, metadata)
+        known = found.loaded & np.isfinite(true[:, 0])
+        errors.append(np.linalg.norm(found.position - true, axis=1)[known])
+        stated.append(area.expanded[rows, columns][known])
+    error, radius = np.concatenate(errors), np.concatenate(stated)
+    if not len(error):
+        return {'undetermined': tip.undetermined}
+    return {
+        'rms': float(rms(error)),
+        'largest': float(error.max()),
+        'worst': tip.worst,
+        'median': tip.median,
+        'ratio': float(np.median(radius) / rms(error) / np.sqrt(2)),
+        'coverage': float(np.mean(error <= radius)),
+        'undetermined': tip.undetermined,
+    }
+
+
+@cache
+def stands_for(label: str) -> set[str]:
+    """The names that are right for an effect."""
+    effects = {effect.label: effect for cell in cells().values() for effect in catalogue(cell)}
+    return {label, ALIAS_OF.get(label, label), *effects[label].special_cases}
+
+
+class Naming(NamedTuple):
+    """The gross effects of a recording that were named, among rivals and missed, and other names."""
+
+    right: list[str]
+    rivals: list[str]
+    missed: list[str]
+    large: list[str]
+    wrong: list[str]
+
+    @classmethod
+    def of(cls, record: Record) -> Naming:
+        """That of a diagnosed recording."""
+        names, rivals = set(record['names']), set(record['rivals'])
+        right = [label for label in record['truth'] if stands_for(label) & names]
+        among = [label for label in record['truth'] if label not in right and stands_for(label) & rivals]
+        left = names - right_names(record['truth'])
+        large = left & right_names(record['large'])
+        missed = [label for label in record['truth'] if label not in (*right, *among)]
+        return cls(right, among, missed, sorted(large), sorted(left - large))
+
+
+def right_names(labels: Iterable[str]) -> set[str]:
+    """The names that are right for some effects."""
+    return set[str]().union(*map(stands_for, labels))
+
+
+def figures(records: Sequence[Record]) -> dict[str, str]:
+    """What is said of some recordings, by what it is."""
+    done = [record for record in records if 'verdict' in record]
+    if not done:
+        return {'recordings': str(len(records))}
+    namings, clean = [Naming.of(record) for record in done], [r for r in done if not r['truth']]
+    right, among, missed, large, wrong = (sum(map(len, part)) for part in zip(*namings, strict=True))
+    alarms = [record for record in clean if record['verdict'] != 'none']
+    only_large = sum(bool(r['names']) and not Naming.of(r).wrong for r in alarms)
+    tips = [r['tip'] for r in done if r['tip'].get('rms')]
+
+    def of_tip(key: str) -> Floats:
+        return np.array([tip[key] for tip in tips], dtype=float)
+
+    def micrometres(key: str) -> str:
+        return f'{1e6 * np.median(of_tip(key)):.1f}'
+
+    seconds, ratio = np.array([r['seconds'] for r in done]), of_tip('ratio')
+    half, most = np.quantile(seconds, [0.5, 0.95])
+    verdicts = [r['verdict'] for r in done]
+    return {
+        'recordings': str(len(records)),
+        'not simulated, refused': ', '.join(
+            str(sum(key in r for r in records)) for key in ('not simulated', 'failure')
+        ),
+        'gross, named, among rivals': f'{right + among + missed}, {right}, {among}',
+        'missed': str(missed),
+        'wrong names, recordings': f'{wrong}, {sum(bool(one.wrong) for one in namings)}',
+        'large small errors named': str(large),
+        'alarms of clean, only large': f'{len(alarms)} of {len(clean)}, {only_large}',
+        'ambiguous, unexplained': f'{verdicts.count("ambiguous")}, {verdicts.count("unexplained")}',
+        'fit, caution, unfit': ', '.join(str(sum(r['grade'] == g for r in done)) for g in ('fit', 'caution', 'unfit')),
+        'tip off, µm: rms, largest': f'{micrometres("rms")}, {micrometres("largest")}',
+        'stated, µm: median, worst': f'{micrometres("median")}, {micrometres("worst")}',
+        'stated over actual, above 4': f'{np.median(ratio):.2f}, {np.mean(ratio > LARGEST_RATIO):.1%}',
+        'covered, worst tenth': f'{of_tip("coverage").mean():.1%}, {np.quantile(of_tip("coverage"), 0.1):.1%}',
+        'diagnose, s: median, 95 %, most': f'{half:.2f}, {most:.2f}, {seconds.max():.2f}',
+    }
+
+
+class Band(NamedTuple):
+    """The inclusions of a band: number, mean of those stated, share that is true and its 95 % limits."""
+
+    number: int
+    stated: float
+    true: float
+    low: float
+    high: float
+
+
+def bands(records: Sequence[Record]) -> list[Band]:
+    """Those of `BANDS` in which something was stated."""
+    rows = [
+        (p, label in right_names((*record['truth'], *record['large'])))
+        for record in records
+        for label, p in record.get('inclusion', {}).items()
+    ]
+    found = []
+    for low, high in pairwise(BANDS):
+        some = [row for row in rows if low <= row[0] < high or row[0] == high == 1]
+        if some:
+            stated, true = np.mean(some, axis=0)
+            limits = binomtest(round(true * len(some)), len(some)).proportion_ci()
+            found.append(Band(len(some), float(stated), float(true), float(limits.low), float(limits.high)))
+    return found
+
+
+def report(groups: Mapping[str, Sequence[Record]]) -> None:
+    """Prints the figures of groups of recordings side by side, and their bands."""
+    parts = {name: figures(records) for name, records in groups.items()}
+    print(f'{"":32}', *(f'{name:>22}' for name in parts))
+    for key in max(parts.values(), key=len):
+        print(f'{key:32}', *(f'{part.get(key, "–"):>22}' for part in parts.values()))
+    for name, records in groups.items():
+        for band in bands(records):
+            print(
+                f'{name}: {band.number} inclusions, stated {band.stated:.1%}, true {band.true:.1%} '
+                f'({band.low:.1%} to {band.high:.1%})'
+            )
+
+
+def draw_bands(groups: Mapping[str, Sequence[Record]], path: Path) -> None:
+    """Draws the share that is true over the inclusion stated, SVG."""
+    with svg_figure(path, 6.0, 5.0) as figure:
+        axes = figure.subplots()
+        axes.plot([50, 100], [50, 100], lw=0.8, color='gray')
+        for name, records in groups.items():
+            if found := bands(records):
+                _, stated, true, low, high = 100 * np.array(found).T
+                axes.errorbar(stated, true, [true - low, high - true], fmt='o', ms=4, capsize=2, label=name)
+        axes.set(xlabel='inclusion stated, %', ylabel='true, %, with 95 % limits')
+        if axes.containers:
+            axes.legend(frameon=False)
+
+
+def common(logs: Sequence[Path]) -> dict[str, list[Record]]:
+    """The recordings of some logs that all of them have, with the same truth."""
+    read = [[json.loads(line) for line in log.read_text(encoding='utf-8').splitlines()] for log in logs]
+    keyed = [{(r['kind'], r['seed'], *r['truth'].items()): r for r in records} for records in read]
+    kept = [key for key in keyed[0] if all(key in other for other in keyed)]
+    print(f'{len(kept)} recordings in common, of {", ".join(str(len(one)) for one in keyed)}')
+    return {log.stem: [one[key] for key in kept] for log, one in zip(logs, keyed, strict=True)}
+
+
+def grouped(records: Sequence[Record], key: str) -> dict[str, list[Record]]:
+    """The recordings by what they have there, and all."""
+    values = sorted({record[key] for record in records})
+    shown: Callable[[Any], str] = lambda value: f'{value:.3g}' if isinstance(value, float) else str(value)  # noqa: E731
+    groups = {f'{key} {shown(value)}': [r for r in records if r[key] == value] for value in values}
+    return groups | {'all': list(records)}
+
+
+def main() -> int:
+    """Run, print, save."""
+    options = parser(__doc__, json_file=False)
+    options.add_argument('--recordings', type=int, help='default: 2000; of a kind 100, of row1 12')
+    options.add_argument('--first', type=int, default=0, help='the first seed (default: 0)')
+    options.add_argument('--kind', choices=['row1', *KINDS], default='')
+    options.add_argument('--by', choices=['factor', 'cell', 'declared', 'stated', 'kind'], default='factor')
+    options.add_argument('--jobs', type=int, default=2, help='processes (default: 2)')
+    options.add_argument('--log', type=Path, metavar='FILE', help='write a line of JSON for each recording there')
+    options.add_argument('--touches', type=Path, metavar='DIR', help='keep simulated touches there, and read them')
+    options.add_argument('--picture', type=Path, metavar='FILE.svg', help='draw the inclusions there')
+    options.add_argument('--compare', type=Path, nargs='+', metavar='FILE', help='show logs, and run nothing')
+    given = options.parse_args()
+    if given.compare:
+        logs = common(given.compare)
+        groups = logs if len(logs) > 1 else grouped(next(iter(logs.values())), given.by)
+    else:
+        number = given.recordings or {'': 2000, 'row1': ROW_1_COUNT}.get(given.kind, 100)
+        tasks = [Task(given.kind, seed, given.touches) for seed in range(given.first, given.first + number)]
+        records = []
+        if given.log:
+            given.log.write_text('', encoding='utf-8')
+        for record in in_processes(run_task, tasks, given.jobs):
+            records.append(json_value(record))
+            if given.log:
+                with given.log.open('a', encoding='utf-8') as file:
+                    file.write(json.dumps(records[-1], ensure_ascii=False) + '\n')
+        groups = grouped(records, given.by)
+    report(groups)
+    if given.picture:
+        draw_bands(groups, given.picture)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
