@@ -28,8 +28,9 @@ recordings that they have in common.
 from __future__ import annotations
 
 import json
+import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -77,7 +78,8 @@ DECLARED = {'object_position': 3e-6, 'object_radius': 2e-6, 'object_offset': 2e-
 """Standard uncertainty of what is declared of an object, by the effect that it may have: m, rad."""
 LARGE = 3.0
 """A small error beyond so many sizes of its population is right where it is named."""
-KINDS = {
+KINDS: dict[str, tuple[list[str], float]] = {
+    'row1': (['object_position[disc_2]'], 0.0),  # of `ROW_1`
     'disc': ([f'object_position[disc_{k}]' for k in (1, 2, 3)], 11.0),  # 110 µm
     'base': (['base_compliance'], 5.0),
     'gain': (['encoder_gain[joint1]', 'encoder_gain[joint2]'], 5.0),  # 1e-4
@@ -85,6 +87,7 @@ KINDS = {
 }
 """The effects of which a recording of a kind has one, and its size in typical ones."""
 ROW_1, ROW_1_COUNT = (9e-5, -6e-5), 12
+"""Displacement of disc_2, m, and number of recordings, of 30 to 108 touches in turn."""
 BANDS = (0.5, 0.8, 0.95, 0.99, 1.0)
 LARGEST_RATIO = 4.0
 DIAGNOSED = 0.3, 0.8
@@ -103,18 +106,16 @@ class Drawn(NamedTuple):
     """A recording, and what is true.
 
     Attributes:
-        about: what it is, for the log.
+        record: what it is, for the log: its gross effects by label with their typical sizes, and the labels of small
+            errors beyond `LARGE` sizes.
         cell: as described.
         robot: with all its errors.
-        truth: gross effects by label, in typical sizes.
-        large: labels of the small errors beyond `LARGE` sizes.
+        plan: of its touches.
     """
 
-    about: Record
+    record: Record
     cell: Cell
     robot: ExtendedModel
-    truth: Mapping[str, float]
-    large: Sequence[str]
     plan: Plan
 
     def touches(self, task: Task) -> TouchSet:
@@ -123,11 +124,10 @@ class Drawn(NamedTuple):
         Raises:
             UnsupportedDataError: the robot cannot hold one.
         """
-        model = self.robot
-        file = task.folder and task.folder / f'{task.seed}_{seed_of(model.names, *model.as_array())}.npz'
+        file = task.folder and task.folder / f'{task.seed}_{seed_of(self.robot.names, *self.robot.as_array())}.npz'
         if file and file.exists():
             return TouchSet(**np.load(file))
-        made = simulate_touches(self.cell, model, self.plan, NOISE, task.seed)
+        made = simulate_touches(self.cell, self.robot, self.plan, NOISE, task.seed)
         if file:
             np.savez(file, **vars(made))
         return made
@@ -177,29 +177,21 @@ def draw(task: Task) -> Drawn:
     first = sorted((rng.random(), k) for k, (e, rng) in enumerate(own.items()) if e.label != ALIASES[0])
     gross = [find(cell, random.choice(labels))] if labels else [[*own][k] for _, k in first[:number]]
     errors = {e: of_size(e, size or float(10 ** own[e].uniform()), own[e]).values[0] for e in gross}
-    if row1:
-        errors = {find(cell, 'object_position[disc_2]'): np.array(ROW_1)}
+    errors = dict.fromkeys(gross, np.array(ROW_1)) if row1 else errors
     truth = {e.label: float(np.linalg.norm(e.amplitudes(v) / sizes_of(e))) for e, v in errors.items()}
     large = []
-    for effect in [e for e in own if factor and e not in errors]:
-        sizes = sizes_of(effect, factor, DECLARED if declared else {})
-        errors[effect] = values = np.array(errors_of(effect, sizes, own[effect]))
-        if np.abs(effect.amplitudes(values) / sizes).max() > LARGE:
-            large.append(effect.label)
-    for effect, values in errors.items():
-        if effect.is_stepwise:
-            values[-1] = own[effect].integers(touches // 6, touches - touches // 6) + 0.5
+    for effect, of_effect in own.items():
+        if factor and effect not in errors:
+            sizes = sizes_of(effect, factor, DECLARED if declared else {})
+            errors[effect] = np.array(errors_of(effect, sizes, of_effect))
+            if np.abs(effect.amplitudes(errors[effect]) / sizes).max() > LARGE:
+                large.append(effect.label)
+        if effect.is_stepwise and effect in errors:
+            errors[effect][-1] = of_effect.integers(touches // 6, touches - touches // 6) + 0.5
     robot = ExtendedModel(base, tuple(errors), tuple(tuple(values.tolist()) for values in errors.values()))
-    about = {
-        'kind': task.kind,
-        'seed': task.seed,
-        'cell': name,
-        'factor': factor,
-        'declared': declared,
-        'stated': stated,
-        'touches': touches,
-    }
-    return Drawn(about, cell, robot, truth, large, even(cell, touches))
+    about = {'cell': name, 'factor': factor, 'declared': declared, 'stated': stated, 'touches': touches}
+    record = {'kind': task.kind, 'seed': task.seed, **about, 'truth': truth, 'large': large}
+    return Drawn(record, cell, robot, even(cell, touches))
 
 
 def sizes_of(effect: Effect, factor: float = 1.0, declared: Mapping[str, float] | None = None) -> Floats:
@@ -211,24 +203,22 @@ def sizes_of(effect: Effect, factor: float = 1.0, declared: Mapping[str, float] 
 def run_task(task: Task) -> Record:
     """A recording calibrated and judged."""
     drawn, clock = draw(task), dict[float, float]()
-    record = drawn.about | {'truth': drawn.truth, 'large': drawn.large}
 
     def note(_: str, part: float) -> None:
         clock.setdefault(part, process_time())
 
+    stage = 'not simulated'
     try:
         touches = drawn.touches(task)
-    except ScaraKinetostaticError as error:
-        return record | {'not simulated': str(error)}
-    try:
+        stage = 'failure'
         outcome = calibrate_touches(touches, drawn.cell, progress=note)
         tip = judge_tip(outcome, drawn.robot, np.random.default_rng([task.seed, 7]))
         grade = outcome.assessment.grade.value
     except ScaraKinetostaticError as error:
-        return record | {'failure': str(error)}
+        return drawn.record | {stage: str(error)}
     found = outcome.diagnosis
     begun, ended = (clock[part] for part in DIAGNOSED)
-    return record | {
+    return drawn.record | {
         'verdict': found.verdict,
         'names': [item.effect.label for item in found.found if item.is_found and item.effect.is_physical],
         'rivals': sorted({label for group in found.rivals for label in group}),
@@ -278,25 +268,14 @@ def stands_for(label: str) -> set[str]:
     return {label, ALIAS_OF.get(label, label), *effects[label].special_cases}
 
 
-class Naming(NamedTuple):
-    """The gross effects of a recording that were named, among rivals and missed, and other names."""
-
-    right: list[str]
-    rivals: list[str]
-    missed: list[str]
-    large: list[str]
-    wrong: list[str]
-
-    @classmethod
-    def of(cls, record: Record) -> Naming:
-        """That of a diagnosed recording."""
-        names, rivals = set(record['names']), set(record['rivals'])
-        right = [label for label in record['truth'] if stands_for(label) & names]
-        among = [label for label in record['truth'] if label not in right and stands_for(label) & rivals]
-        left = names - right_names(record['truth'])
-        large = left & right_names(record['large'])
-        missed = [label for label in record['truth'] if label not in (*right, *among)]
-        return cls(right, among, missed, sorted(large), sorted(left - large))
+def naming(record: Record) -> tuple[set[str], ...]:
+    """The gross effects that were named, among rivals, and missed; the names of large small errors, and wrong names."""
+    truth, names, rivals = set(record['truth']), set(record['names']), set(record['rivals'])
+    right = {label for label in truth if stands_for(label) & names}
+    among = {label for label in truth - right if stands_for(label) & rivals}
+    left = names - right_names(truth)
+    large = left & right_names(record['large'])
+    return right, among, truth - right - among, large, left - large
 
 
 def right_names(labels: Iterable[str]) -> set[str]:
@@ -309,65 +288,48 @@ def figures(records: Sequence[Record]) -> dict[str, str]:
     done = [record for record in records if 'verdict' in record]
     if not done:
         return {'recordings': str(len(records))}
-    namings, clean = [Naming.of(record) for record in done], [r for r in done if not r['truth']]
+    namings, clean = [naming(record) for record in done], [r for r in done if not r['truth']]
     right, among, missed, large, wrong = (sum(map(len, part)) for part in zip(*namings, strict=True))
-    alarms = [record for record in clean if record['verdict'] != 'none']
-    only_large = sum(bool(r['names']) and not Naming.of(r).wrong for r in alarms)
-    tips = [r['tip'] for r in done if r['tip'].get('rms')]
-
-    def of_tip(key: str) -> Floats:
-        return np.array([tip[key] for tip in tips], dtype=float)
-
-    def micrometres(key: str) -> str:
-        return f'{1e6 * np.median(of_tip(key)):.1f}'
-
-    seconds, ratio = np.array([r['seconds'] for r in done]), of_tip('ratio')
-    half, most = np.quantile(seconds, [0.5, 0.95])
-    verdicts = [r['verdict'] for r in done]
+    wrong_in, alarms = sum(bool(one[-1]) for one in namings), [r for r in clean if r['verdict'] != 'none']
+    only_large = sum(bool(r['names']) and not naming(r)[-1] for r in alarms)
+    unused = ', '.join(str(sum(key in r for r in records)) for key in ('not simulated', 'failure'))
+    grades = ', '.join(str(sum(r['grade'] == grade for r in done)) for grade in ('fit', 'caution', 'unfit'))
+    verdicts, tips = [r['verdict'] for r in done], [r['tip'] for r in done if 'rms' in r['tip']]
+    keys = ('rms', 'largest', 'median', 'worst', 'ratio', 'coverage')
+    off, largest, median, worst, ratio, coverage = np.array([[tip[k] for k in keys] for tip in tips], dtype=float).T
+    half, most, longest = np.quantile([r['seconds'] for r in done], [0.5, 0.95, 1.0])
     return {
         'recordings': str(len(records)),
-        'not simulated, refused': ', '.join(
-            str(sum(key in r for r in records)) for key in ('not simulated', 'failure')
-        ),
+        'not simulated, refused': unused,
         'gross, named, among rivals': f'{right + among + missed}, {right}, {among}',
         'missed': str(missed),
-        'wrong names, recordings': f'{wrong}, {sum(bool(one.wrong) for one in namings)}',
+        'wrong names, recordings': f'{wrong}, {wrong_in}',
         'large small errors named': str(large),
         'alarms of clean, only large': f'{len(alarms)} of {len(clean)}, {only_large}',
         'ambiguous, unexplained': f'{verdicts.count("ambiguous")}, {verdicts.count("unexplained")}',
-        'fit, caution, unfit': ', '.join(str(sum(r['grade'] == g for r in done)) for g in ('fit', 'caution', 'unfit')),
-        'tip off, µm: rms, largest': f'{micrometres("rms")}, {micrometres("largest")}',
-        'stated, µm: median, worst': f'{micrometres("median")}, {micrometres("worst")}',
+        'fit, caution, unfit': grades,
+        'tip off, µm: rms, largest': f'{1e6 * np.median(off):.1f}, {1e6 * np.median(largest):.1f}',
+        'stated, µm: median, worst': f'{1e6 * np.median(median):.1f}, {1e6 * np.median(worst):.1f}',
         'stated over actual, above 4': f'{np.median(ratio):.2f}, {np.mean(ratio > LARGEST_RATIO):.1%}',
-        'covered, worst tenth': f'{of_tip("coverage").mean():.1%}, {np.quantile(of_tip("coverage"), 0.1):.1%}',
-        'diagnose, s: median, 95 %, most': f'{half:.2f}, {most:.2f}, {seconds.max():.2f}',
+        'covered, worst tenth': f'{coverage.mean():.1%}, {np.quantile(coverage, 0.1):.1%}',
+        'diagnose, s: median, 95 %, most': f'{half:.2f}, {most:.2f}, {longest:.2f}',
     }
 
 
-class Band(NamedTuple):
-    """The inclusions of a band: number, mean of those stated, share that is true and its 95 % limits."""
-
-    number: int
-    stated: float
-    true: float
-    low: float
-    high: float
-
-
-def bands(records: Sequence[Record]) -> list[Band]:
-    """Those of `BANDS` in which something was stated."""
+def bands(records: Sequence[Record]) -> list[tuple[float, ...]]:
+    """Of the inclusions in each of `BANDS`: number, mean of those stated, share that is true, its 95 % limits."""
     rows = [
         (p, label in right_names((*record['truth'], *record['large'])))
         for record in records
         for label, p in record.get('inclusion', {}).items()
     ]
-    found = []
+    found = list[tuple[float, ...]]()
     for low, high in pairwise(BANDS):
         some = [row for row in rows if low <= row[0] < high or row[0] == high == 1]
         if some:
             stated, true = np.mean(some, axis=0)
             limits = binomtest(round(true * len(some)), len(some)).proportion_ci()
-            found.append(Band(len(some), float(stated), float(true), float(limits.low), float(limits.high)))
+            found.append((len(some), float(stated), float(true), float(limits.low), float(limits.high)))
     return found
 
 
@@ -378,11 +340,8 @@ def report(groups: Mapping[str, Sequence[Record]]) -> None:
     for key in max(parts.values(), key=len):
         print(f'{key:32}', *(f'{part.get(key, "–"):>22}' for part in parts.values()))
     for name, records in groups.items():
-        for band in bands(records):
-            print(
-                f'{name}: {band.number} inclusions, stated {band.stated:.1%}, true {band.true:.1%} '
-                f'({band.low:.1%} to {band.high:.1%})'
-            )
+        for n, stated, true, low, high in bands(records):
+            print(f'{name}: {n} inclusions, stated {stated:.1%}, true {true:.1%} ({low:.1%} to {high:.1%})')
 
 
 def draw_bands(groups: Mapping[str, Sequence[Record]], path: Path) -> None:
@@ -411,8 +370,8 @@ def common(logs: Sequence[Path]) -> dict[str, list[Record]]:
 def grouped(records: Sequence[Record], key: str) -> dict[str, list[Record]]:
     """The recordings by what they have there, and all."""
     values = sorted({record[key] for record in records})
-    shown: Callable[[Any], str] = lambda value: f'{value:.3g}' if isinstance(value, float) else str(value)  # noqa: E731
-    groups = {f'{key} {shown(value)}': [r for r in records if r[key] == value] for value in values}
+    names = [f'{value:.3g}' if isinstance(value, float) else str(value) for value in values]
+    groups = {f'{key} {name}': [r for r in records if r[key] == v] for name, v in zip(names, values, strict=True)}
     return groups | {'all': list(records)}
 
 
@@ -421,7 +380,7 @@ def main() -> int:
     options = parser(__doc__, json_file=False)
     options.add_argument('--recordings', type=int, help='default: 2000; of a kind 100, of row1 12')
     options.add_argument('--first', type=int, default=0, help='the first seed (default: 0)')
-    options.add_argument('--kind', choices=['row1', *KINDS], default='')
+    options.add_argument('--kind', choices=[*KINDS], default='')
     options.add_argument('--by', choices=['factor', 'cell', 'declared', 'stated', 'kind'], default='factor')
     options.add_argument('--jobs', type=int, default=2, help='processes (default: 2)')
     options.add_argument('--log', type=Path, metavar='FILE', help='write a line of JSON for each recording there')
@@ -436,13 +395,10 @@ def main() -> int:
         number = given.recordings or {'': 2000, 'row1': ROW_1_COUNT}.get(given.kind, 100)
         tasks = [Task(given.kind, seed, given.touches) for seed in range(given.first, given.first + number)]
         records = []
-        if given.log:
-            given.log.write_text('', encoding='utf-8')
-        for record in in_processes(run_task, tasks, given.jobs):
-            records.append(json_value(record))
-            if given.log:
-                with given.log.open('a', encoding='utf-8') as file:
-                    file.write(json.dumps(records[-1], ensure_ascii=False) + '\n')
+        with (given.log or Path(os.devnull)).open('w', encoding='utf-8') as log:
+            for record in in_processes(run_task, tasks, given.jobs):
+                records.append(json_value(record))
+                print(json.dumps(records[-1], ensure_ascii=False), file=log, flush=True)
         groups = grouped(records, given.by)
     report(groups)
     if given.picture:
