@@ -10,9 +10,10 @@ are gross: of 1 to 10 typical sizes (log-uniform). Every other effect is a small
 times the factor of the population, 1/3, 1 or 3. In every other recording, at random, the objects are declared to 3 µm,
 with radii to 2 µm, and are so well where they are said to be. The noise is stated in three of four.
 
-What counts: gross effects are the truth, and needed. A small error beyond 3 sizes of its population is right where it
-is named, but not needed. In place of an effect one that it contains (`special_cases`), or whose prediction is the same,
-is right, too. Any other name is wrong; a gross effect that is not named is among the rivals or missed. An alarm is a
+What counts: gross effects are the truth, and needed. A small error with an amplitude beyond 3 sizes of its population
+is right where it is named, but not needed. In place of an effect one that it contains (`special_cases`), or whose
+prediction is the same, is right, too. Any other name is wrong; of those it is counted how many are errors beyond 3
+typical sizes, as a large population has. A gross effect that is not named is among the rivals or missed. An alarm is a
 verdict other than ``none`` where nothing is gross.
 
 The tip is that of every place of the map of its uncertainty under the mean force in a random direction. Stated over
@@ -107,7 +108,7 @@ class Drawn(NamedTuple):
 
     Attributes:
         record: what it is, for the log: its gross effects by label with their typical sizes, and the labels of small
-            errors beyond `LARGE` sizes.
+            errors beyond `LARGE` sizes of their population.
         cell: as described.
         robot: with all its errors.
         plan: of its touches.
@@ -178,7 +179,7 @@ def draw(task: Task) -> Drawn:
     gross = [find(cell, random.choice(labels))] if labels else [[*own][k] for _, k in first[:number]]
     errors = {e: of_size(e, size or float(10 ** own[e].uniform()), own[e]).values[0] for e in gross}
     errors = dict.fromkeys(gross, np.array(ROW_1)) if row1 else errors
-    truth = {e.label: float(np.linalg.norm(e.amplitudes(v) / sizes_of(e))) for e, v in errors.items()}
+    truth = typical_sizes(errors.items())
     large = []
     for effect, of_effect in own.items():
         if factor and effect not in errors:
@@ -192,6 +193,11 @@ def draw(task: Task) -> Drawn:
     about = {'cell': name, 'factor': factor, 'declared': declared, 'stated': stated, 'touches': touches}
     record = {'kind': task.kind, 'seed': task.seed, **about, 'truth': truth, 'large': large}
     return Drawn(record, cell, robot, even(cell, touches))
+
+
+def typical_sizes(errors: Iterable[tuple[Any, Floats]]) -> dict[str, float]:
+    """The size of each of some errors in typical ones, by label."""
+    return {effect.label: float(np.linalg.norm(effect.amplitudes(v) / sizes_of(effect))) for effect, v in errors}
 
 
 def sizes_of(effect: Effect, factor: float = 1.0, declared: Mapping[str, float] | None = None) -> Floats:
@@ -218,11 +224,15 @@ def run_task(task: Task) -> Record:
         return drawn.record | {stage: str(error)}
     found = outcome.diagnosis
     begun, ended = (clock[part] for part in DIAGNOSED)
+    sizes = typical_sizes(zip(drawn.robot.effects, drawn.robot.effect_arrays, strict=True))
+    rivals, inclusion = {label for group in found.rivals for label in group}, dict(getattr(found, 'inclusion', {}))
+    names = [item.effect.label for item in found.found if item.is_found and item.effect.is_physical]
     return drawn.record | {
         'verdict': found.verdict,
-        'names': [item.effect.label for item in found.found if item.is_found and item.effect.is_physical],
-        'rivals': sorted({label for group in found.rivals for label in group}),
-        'inclusion': dict(getattr(found, 'inclusion', {})),
+        'names': names,
+        'rivals': sorted(rivals),
+        'inclusion': inclusion,
+        'sizes': {label: sizes.get(label, 0.0) for label in sorted({*names, *rivals, *inclusion})},
         'chi_square': outcome.calibration.reduced_chi_square,
         'p_value': found.p_value,
         'grade': grade,
@@ -290,6 +300,7 @@ def figures(records: Sequence[Record]) -> dict[str, str]:
         return {'recordings': str(len(records))}
     namings, clean = [naming(record) for record in done], [r for r in done if not r['truth']]
     right, among, missed, large, wrong = (sum(map(len, part)) for part in zip(*namings, strict=True))
+    there = sum(r.get('sizes', {}).get(label, 0.0) > LARGE for r in done for label in naming(r)[-1])
     wrong_in, alarms = sum(bool(one[-1]) for one in namings), [r for r in clean if r['verdict'] != 'none']
     only_large = sum(bool(r['names']) and not naming(r)[-1] for r in alarms)
     unused = ', '.join(str(sum(key in r for r in records)) for key in ('not simulated', 'failure'))
@@ -304,6 +315,7 @@ def figures(records: Sequence[Record]) -> dict[str, str]:
         'gross, named, among rivals': f'{right + among + missed}, {right}, {among}',
         'missed': str(missed),
         'wrong names, recordings': f'{wrong}, {wrong_in}',
+        'of them beyond 3 typical sizes': str(there),
         'large small errors named': str(large),
         'alarms of clean, only large': f'{len(alarms)} of {len(clean)}, {only_large}',
         'ambiguous, unexplained': f'{verdicts.count("ambiguous")}, {verdicts.count("unexplained")}',
