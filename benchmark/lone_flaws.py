@@ -28,6 +28,7 @@ from benchmark.diagnosis.runs import ALIAS_OF
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import ScaraKinetostaticError
@@ -60,14 +61,19 @@ def small() -> Setup:
 
 
 def flaw(task: Task) -> SimulatedEffects:
+    """The effect of a task."""
+    random = np.random.default_rng([task.seed, seed_of(task.label, 'flaw')])
+    return of_size(find(small().cell, task.label), task.size, random)
+
+
+def of_size(effect: Effect, size: float, random: np.random.Generator) -> SimulatedEffects:
     """An effect in a random way, of a size in its typical one."""
-    effect, random = find(small().cell, task.label), np.random.default_rng([task.seed, seed_of(task.label, 'flaw')])
     values = random_values(effect, random)
     amplitudes = effect.amplitudes(values)
     acts = amplitudes != 0
     typical = np.array([typical_size(effect, k) if acts[k] else 1.0 for k in range(len(values))])
     part = amplitudes / np.array([p.scale for p in effect.parameters])[: len(values)]
-    return SimulatedEffects((effect,), (np.where(acts, task.size * part / np.linalg.norm(part) * typical, values),))
+    return SimulatedEffects((effect,), (np.where(acts, size * part / np.linalg.norm(part) * typical, values),))
 
 
 def _misfit(touches: TouchSet, model: ExtendedModel) -> float:

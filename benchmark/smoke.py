@@ -47,6 +47,7 @@ ARGUMENTS = {
     'mujoco_slip': '--scene joint_slip --per-disc 2',
     'next': '--cells 1 --simulated 1 --runs 2',
     'noise': '--number 1',
+    'odds': '--recordings 1 --jobs 1',
     'outlines': '--recordings 2 --named 1',
     'peers': '--touches 36 --contenders package minimisation scipy',
     'pictures': '--out {folder} --first 1',
