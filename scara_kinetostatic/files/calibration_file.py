@@ -194,6 +194,9 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     grade = document['assessment']['grade']
     if grade not in ('', 'fit', 'caution', 'unfit'):  # empty where nobody has assessed it
         raise ValueError(f'assessment.grade: expected fit, caution or unfit, got {grade!r:.40}')
+    odds = [each['probability'] for each in document['diagnosis'].get('probabilities', ())]
+    if odds and not (min(odds) >= 0 and max(odds) <= 1 and abs(sum(odds) - 1) <= 1e-3):
+        raise ValueError(f'diagnosis.probabilities: expected 0 to 1, adding up to 1, got {odds!r:.60}')
     return CalibratedArm(
         cell=cell,
         model=model,

@@ -71,6 +71,10 @@ def _with(*path: str | int, value: Any) -> Callable[[dict[str, Any]], Any]:
     return change
 
 
+def odds(*values: float) -> list[dict[str, Any]]:
+    return [{'effects': [f'effect{k}'], 'probability': value} for k, value in enumerate(values)]
+
+
 EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
 
 
@@ -97,6 +101,10 @@ EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
         (_with('model', 'used', 'highest_force', value=-1.0), 'damaged'),
         (_with('model', 'effects', value=[EFFECT | {'name': 'n', 'class': 'N'}]), "'l' of this calibration"),
         (_with('model', 'effects', value=[EFFECT | {'fields': 3}]), 'damaged'),
+        (_with('diagnosis', 'probabilities', value=odds(0.9, 0.2)), r'adding up to 1, got \[0.9, 0.2\]'),
+        (_with('diagnosis', 'probabilities', value=odds(1.2, -0.2)), 'probabilities: expected 0 to 1'),
+        (_with('diagnosis', 'probabilities', value=odds(float('nan'))), 'probabilities: expected 0 to 1'),
+        (_with('diagnosis', 'probabilities', value=[{'effects': []}]), "no 'probability'"),
         (_with('cell', 'nominal', value={'l1': 'long'}), 'cell: robot.nominal'),
         (_with('cell', 'gripper_excess', value=[[1e-6, 0.0], [0.0, 0.0]]), 'no general gripper; calibrate again'),
     ],
@@ -110,6 +118,16 @@ def test_anything_else_is_refused(
         load_calibration(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [_with('diagnosis', value={'verdict': 'none'}), _with('diagnosis', 'probabilities', value=odds(0.97, 0.0304))],
+)
+def test_probabilities_are_right_or_absent_as_in_older_files(
+    change: Callable[[dict[str, Any]], Any], plain: Outcome
+) -> None:
+    assert read_arm(json.loads(json.dumps(change(as_document(plain)))), 'x').model == plain.arm.model
 
 
 def test_a_gripper_that_older_files_state_to_be_isotropic_is_read(plain: Outcome, tmp_path: Path) -> None:
