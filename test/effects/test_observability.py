@@ -6,12 +6,15 @@ import pytest
 from effects.observability import visibility
 from model.helpers import ROBOTS
 
+ALIASES = ('link_bending[link2].compliance', 'base_compliance.common', 'anisotropic_gripper.excess')
+"""What is a part of L̄ to first order."""
+
 
 @pytest.mark.parametrize('robot', ROBOTS)
-def test_all_effects_show_but_the_exact_alias(robot):
+def test_all_effects_show_but_the_aliases(robot):
     for item in visibility(robot):
-        if item.label.startswith('link_bending[link2]'):
-            assert item.new < 1e-9
+        if item.label in ALIASES:
+            assert item.new < 1e-3
         else:
             assert item.new > 0.015, item
             assert item.doubling < item.scale, item
