@@ -208,7 +208,7 @@ class Calibration:
         for effect, *rows in zip(self.model.effects, *columns, strict=True):
             for p, value, std, start in zip(effect.parameters, *rows, strict=True):
                 estimate = Estimate.of_effect(value, float(std), p.unit, start)
-                if f'{effect.label}.{p.name}' in self.fixed:
+                if f'{effect.label}.{p.name}' in self.fixed or (p.is_alias and not std):
                     estimate = estimate._replace(status='fixed')
                 found.setdefault(effect.label, {})[p.name] = estimate
         return found

@@ -249,7 +249,7 @@ def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> tuple[Ext
 
 
 def stored_names(listed: Sequence[str], names: Sequence[str], model: ExtendedModel) -> Mask | None:
-    """Which of the names of a model and more a file lists, (n,): older ones lack aliases; None where it lists others."""
+    """Which names of a model and more a file lists, (n,): older ones lack aliases; None where it lists others."""
     found = np.array([name in listed or name not in model.aliases for name in names])
     return found if list(compress(names, found)) == list(listed) else None
 

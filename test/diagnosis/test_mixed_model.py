@@ -50,6 +50,28 @@ def mixed(cell: Cell, touches=TOUCHES):
     return fit_mixed(calibrate(touches, cell), catalogue(cell)).fit
 
 
+@pytest.mark.parametrize(
+    ('label', 'stated', 'alias', 'part'),
+    [('base_compliance', (2e-6, 0.0), 'common', 'p_ee'), ('anisotropic_gripper', (2e-6,), 'excess', 'p2')],
+)
+def test_what_of_a_named_effect_is_a_part_of_the_arm_has_the_size_of_the_effect(label, stated, alias, part):
+    effect, size = find(CELL, label), 2e-6
+    true = ExtendedModel(PAPER_ACTUAL, (effect,), ((*stated, size),))
+    touches = simulate_touches(CELL, true, default_plan(CELL, 12, preload=0.3), seed=4)
+    alone = calibrate(touches, CELL, [effect])
+    assert (alone.effects[label][alias].value, alone.effects[label][alias].status) == (0.0, 'fixed')
+    fit = fit_mixed(calibrate(touches, CELL), catalogue(CELL), alone.model).fit
+    assert 0.5 * size < fit.effects[label][alias].std < 2 * size
+    assert abs(fit[part].value - getattr(PAPER_ACTUAL, part)) < 3 * fit.std_of(part)
+    assert fit.std_of(part) > 5 * alone.std_of(part)
+    both = [fit.model.names.index(name) for name in (part, f'{label}.{alias}')]
+    (square, mixed), (_, other) = fit.covariance[np.ix_(both, both)]
+    assert abs(mixed) > 0.9 * np.sqrt(square * other)
+    force = np.tile([10.0, -20.0], (len(touches), 1))
+    one, two = (Predictor(each.arm).locate(touches.joints, force).position for each in (fit, alone))
+    np.testing.assert_allclose(one, two, rtol=0, atol=2e-5)
+
+
 def test_without_effects_everything_is_as_the_fit_has_it(capfd):
     none = declaring(CELL, sizes=SizeMode.NONE)
     fit = calibrate(TOUCHES, none)

@@ -13,7 +13,7 @@ import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
-from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import arm_document, load_calibration, read_arm
@@ -50,6 +50,30 @@ def test_every_effect_of_the_catalogue_is_read_back(plain: Outcome) -> None:
         size = len(model.names)
         other = replace(arm, cell=PAPER_CELL, model=model, covariance=np.eye(size), undetermined=np.zeros((size, 0)))
         same(read_arm(json.loads(json.dumps(arm_document(other))), 'x'), other)
+
+
+@pytest.mark.parametrize('label', ['base_compliance', 'anisotropic_gripper'])
+def test_a_file_of_before_the_part_that_the_arm_contains_is_read(label: str, plain: Outcome) -> None:
+    """That part is then 0, and exactly so."""
+    effect = find(PAPER_CELL, label)
+    model = ExtendedModel(plain.arm.model.parameters, (effect,), ((*[1e-6] * (len(effect.parameters) - 1), 0.0),))
+    size = len(model.names)
+    covariance = np.diag([*np.ones(size - 1), 0.0])
+    arm = replace(plain.arm, cell=PAPER_CELL, model=model, covariance=covariance, undetermined=np.eye(size)[:, :1])
+    document = json.loads(json.dumps(arm_document(arm)))
+    stored = document['model']
+    for rows in (
+        stored['names'],
+        stored['values'],
+        *stored['covariance'],
+        stored['covariance'],
+        *stored['undetermined'],
+    ):
+        del rows[-1]
+    same(read_arm(document, 'x'), arm)
+    del stored['names'][-1]
+    with pytest.raises(CalibrationFileError, match='other parameters'):
+        read_arm(document, 'x')
 
 
 def _without(key: str) -> Callable[[dict[str, Any]], Any]:
