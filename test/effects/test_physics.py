@@ -215,6 +215,16 @@ def test_friction_with_one_disc_is_that_with_all_in_its_touches_alone():
     assert np.abs(one.force - every.force)[~FIRST].max() > 1
 
 
+def test_where_the_movement_is_unknown_friction_with_one_disc_turns_the_force_to_one_side():
+    at = SCENE._replace(metadata=SCENE.metadata._replace(press=np.zeros_like(SCENE.joints))).touch_state
+    one = ContactFriction.of(0, 'disc_1').shift(at, np.array([-0.1])).place
+    tangent = (one * at.tangent).sum(axis=1)
+    np.testing.assert_allclose(
+        tangent, np.where(at.metadata.disc == 0, np.sin(0.1) * at.radii, 0.0), rtol=0, atol=1e-12
+    )
+    assert not ContactFriction().shift(at, np.array([-0.1])).place.any()  # of all it is a turned sensor
+
+
 def test_a_tip_pressed_along_the_normal_sticks():
     links = SCENE.joints
     aside = np.stack([-SCENE.poses.force[:, 1], SCENE.poses.force[:, 0]], axis=-1)
