@@ -53,7 +53,7 @@ class AnisotropicGripper(LinearEffect):
             'excess',
             'm/N',
             1e-5,
-            'yield along link 2 beyond the mean, untold from p_ee and p2',
+            'yield along link 2 beyond the mean, a part of p_ee and p2',
             typical=0.0,
             is_alias=True,
         ),
@@ -169,7 +169,9 @@ class BaseCompliance(LinearEffect):
     parameters = (
         Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean; as much less along y', typical=1e-6),
         Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
-        Parameter('common', 'm/N', 1e-5, 'mean over all directions, untold from p_ee', typical=0.0, is_alias=True),
+        Parameter(
+            'common', 'm/N', 1e-5, 'mean over all directions: no touch tells it from p_ee', typical=0.0, is_alias=True
+        ),
     )
     statement = 'the base yields under the force'
     confounded_with = (
