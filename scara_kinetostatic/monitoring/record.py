@@ -118,6 +118,9 @@ class CalibrationRecord:
         size = stored_numbers(part['size'], (len(columns),))
         if not (all(isinstance(text, str) for text in columns) and len(of_robot) == len(size) and (size > 0).all()):
             raise ValueError('covariance_with_cell: undetected effects without a name or a size')
+        for place, name in enumerate(self.arm.model.names):
+            if name in self.arm.model.aliases and name not in rows:  # older files have none
+                rows, matrix = (*rows[:place], name, *rows[place:]), np.insert(matrix, place, 0.0, axis=0)
         return UndetectedErrors(rows, columns, of_robot, size, matrix)
 
     @property

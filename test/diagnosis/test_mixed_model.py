@@ -249,6 +249,24 @@ def test_a_comparison_is_of_the_same_robot(outcome):
     assert np.allclose([part.std for part in change.parameters], std, rtol=0.05)
 
 
+def test_a_file_of_before_the_alias_of_a_named_effect_is_compared():
+    true = ExtendedModel(PAPER_ACTUAL, (find(CELL, 'base_compliance'),), ((3e-6, -2e-6, 0.0),))
+    again = calibrate_touches(simulate_touches(CELL, true, default_plan(CELL, 12, preload=0.3), seed=5), CELL)
+    new = CalibrationRecord.of_outcome(again)
+    document, place = as_document(again), again.arm.model.names.index('base_compliance.common')
+    model, joint = document['model'], document['covariance_with_cell']
+    for entry, matrix in ((model, 'covariance'), (joint, 'matrix')):
+        lists = entry['names'], entry['values'], *entry[matrix], entry[matrix]
+        for rows in (*lists, *(entry['undetermined'] if entry is model else ())):
+            del rows[place]
+    del joint['undetected']['rows'][place], joint['undetected']['matrix'][place]
+    old = CalibrationRecord.of_document(document, 'old')
+    assert old.names == new.names
+    assert old.undetected.rows == new.undetected.rows
+    assert not old.covariance[place].any() and new.covariance[place, place] > 1e-13
+    assert compare(old, new).tip < 1e-9
+
+
 def test_an_object_left_out_checks_what_is_stated():
     found = objects_left_out(mixed(CELL))
     assert 0.6 < found.error / found.stated < 1.4
