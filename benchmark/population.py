@@ -274,8 +274,10 @@ def draw(task: Task) -> tuple[Setup, ExtendedModel, TouchSet]:
 
 
 def errors_of(effect: Effect, size: Floats, random: np.random.Generator) -> tuple[float, ...]:
-    """Normal with a size; a wave of any phase and of the frequencies of gears, a step between any two touches."""
-    signs = np.array([p.sign for p in effect.parameters])
+    """Normal with a size; a wave of any phase and of the frequencies of gears, a step between any two touches; none of
+    what L̄ contains, which is last.
+    """
+    signs = np.array([p.sign for p in effect.parameters if not p.is_alias])
     drawn = size * random.standard_normal(len(signs))
     drawn = np.where(signs == 0, drawn, signs * np.abs(drawn))
     if effect.name == 'transmission_error':
@@ -286,7 +288,7 @@ def errors_of(effect: Effect, size: Floats, random: np.random.Generator) -> tupl
         drawn[1] = random.uniform(0.1, 0.3)
     elif effect.is_stepwise:
         drawn[-1] = random.integers(10, 98) + 0.5
-    return tuple(drawn.tolist())
+    return (*drawn.tolist(), *[0.0] * (len(effect.parameters) - len(drawn)))
 
 
 def run_task(task: Task) -> dict[str, Any]:

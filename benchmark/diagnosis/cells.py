@@ -108,8 +108,11 @@ def random_effect(effect: Effect, seed: int) -> SimulatedEffects:
 
 
 def random_values(effect: Effect, random: np.random.Generator) -> Floats:
-    """Values (k,) of plausible size in a random direction: a wave of any phase and frequency, gravity downhill."""
-    scales, signs = (np.array([getattr(p, name) for p in effect.parameters]) for name in ('scale', 'sign'))
+    """Values (k,) of plausible size in a random direction: a wave of any phase and frequency, gravity downhill; none of
+    what L̄ contains, which is last.
+    """
+    shown = [p for p in effect.parameters if not p.is_alias]
+    scales, signs = (np.array([getattr(p, name) for p in shown]) for name in ('scale', 'sign'))
     if effect.name == 'transmission_error':
         return np.array([scales[0], random.uniform(0, 2 * np.pi), random.uniform(1.0, 110.0)])
     if effect.name == 'joint_slip':  # with a slip torque as measured on a real arm or up to twice as large
@@ -124,7 +127,7 @@ def random_values(effect: Effect, random: np.random.Generator) -> Floats:
     values = scales[: len(unit)] * unit / np.linalg.norm(unit)
     if effect.is_stepwise:
         return np.array([*values, random.integers(10, 60) + 0.5])
-    return np.where(signs == 0, values, signs * np.abs(values))
+    return np.pad(np.where(signs == 0, values, signs * np.abs(values)), (0, len(effect.parameters) - len(shown)))
 
 
 def simulate(setup: Setup, simulated: SimulatedEffects, noise: Noise = NOISE, seed: int = 0) -> TouchSet:

@@ -82,7 +82,7 @@ def calibrate(
     start = _start(cell, effects, start, fixed)
     if warm_start is not None:
         warm_start = warm_start._replace(model=_with_fixed(warm_start.model, fixed))
-    held = start.held.union(fixed)
+    held = start.held.union(start.aliases, fixed)
     free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
     given = touches.index
     touches, left_out = _leave_out(touches, cell)
@@ -347,12 +347,12 @@ def fixed_effects(fixed: Mapping[str, float], cell: Cell) -> tuple[Effect, ...]:
     effects = []
     for label in dict.fromkeys(name.rpartition('.')[0] for name in fixed if '.' in name):
         effect = find(cell, label)
-        names = [f'{label}.{p.name}' for p in effect.parameters]
+        names = [f'{label}.{p.name}' for p in effect.parameters if not p.is_alias]
         missing = [name for name in names if name not in fixed]
         if missing:
             problem = f'{missing[0]} is free: an effect is held by all of its parameters'
             raise ParameterError(f'fixed parameters of {label}', problem, f'give {" and ".join(names)}')
-        values = np.array([fixed[name] for name in names])
+        values = np.array([fixed.get(f'{label}.{p.name}', 0.0) for p in effect.parameters])
         if values.any() and not effect.is_plausible(values):
             raise ParameterError(f'fixed parameters of {label}', 'expected plausible values', 'give them in SI units')
         effects.append(effect)

@@ -227,7 +227,7 @@ class Calibration:
         for effect, *rows in zip(self.model.effects, *columns, strict=True):
             for p, value, std, start in zip(effect.parameters, *rows, strict=True):
                 estimate = Estimate.of_effect(value, float(std), p.unit, start)
-                if f'{effect.label}.{p.name}' in self.fixed:
+                if f'{effect.label}.{p.name}' in self.fixed or (p.is_alias and not std):
                     estimate = estimate._replace(status='fixed')
                 found.setdefault(effect.label, {})[p.name] = estimate
         return found
@@ -238,7 +238,8 @@ class Calibration:
         return frozenset(
             effect.label
             for effect in self.model.effects
-            if effect.parameters and all(f'{effect.label}.{p.name}' in self.fixed for p in effect.parameters)
+            if effect.parameters
+            and all(p.is_alias or f'{effect.label}.{p.name}' in self.fixed for p in effect.parameters)
         )
 
     @property
@@ -275,7 +276,7 @@ class Calibration:
     def undetermined(self) -> Floats:
         """Directions of the values that the fit kept where they were, each by its plausible range, one a column."""
         scales = scales_of(self.model)
-        held = self.model.held.union(self.fixed)
+        held = self.model.held.union(self.model.aliases, self.fixed)
         free = np.array([name not in held for name in self.model.names])
         basis = (self.subspace.basis / scales[:, None])[free]
         u, singular, _ = np.linalg.svd(basis, full_matrices=True)
@@ -351,7 +352,7 @@ def build_result(
     std = np.sqrt(np.diag(covariance))
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
-    held, values = model.held.union(fixed), model.as_array()
+    held, values = model.held.union(model.aliases, fixed), model.as_array()
     free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
     groups = group_names(found.unidentifiable, free, model, std)
     identifiability = Identifiability(

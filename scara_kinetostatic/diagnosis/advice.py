@@ -158,12 +158,18 @@ def _remaining(verdict: str, found: Sequence[Found], remaining: Sequence[Depende
 
 
 def unknown_history(touches: TouchSet, found: Diagnosis) -> str:
-    """Message where slip with memory may be the cause and cannot be examined, as the load before each touch is unknown.
+    """Message where slip with memory may be the cause and cannot be examined, as the load before each touch is unknown;
+    where there is friction, and the movement of the tip is.
 
     Args:
         touches: those of the calibration.
         found: the diagnosis: a lack of fit remains, or an effect depends on the direction of approach.
     """
+    if any(item.effect.plot_variable == 'slide' for item in found.found) and not touches.press.any():
+        return (
+            'the touches do not say how the tip slid: friction is taken to turn the force of all touches of a disc to '
+            'one side, counter-clockwise above 0, clockwise below'
+        )
     by_approach = any(item.effect.plot_variable == 'approach' for item in found.found)
     if touches.history.shape[1] or not (by_approach or found.verdict == 'unexplained'):
         return ''

@@ -24,6 +24,9 @@ class ContactFriction(EffectOfDiscs):
     S_c - r R(-α) n, so d = r (R(-α) - I) n. The coefficient is the angle of friction, which is μ up to μ³/3. A tip
     pressed along the normal does not slide: it sticks, and the force is turned by less than the angle of friction.
 
+    Where touches do not say how the tip moved, that of one disc turns the force by the same angle in all of them,
+    counter-clockwise above 0: as if it slid to one side always. That of all discs is then a turned force sensor.
+
     Attributes:
         reference: L̄ by which the slide is judged, such as the nominal one: held, so that no touch
             changes its direction while L̄ is estimated; None for L̄ itself: on a sharp corner a tip that is off by
@@ -53,7 +56,7 @@ class ContactFriction(EffectOfDiscs):
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The slide as the effect judges it."""
-        return VARIABLES[self.plot_variable].axis(at)._replace(values=slide(at, self.reference))
+        return VARIABLES[self.plot_variable].axis(at)._replace(values=self._direction(at))
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return _off_normal(at, values[0] * self._direction(at))
@@ -65,8 +68,9 @@ class ContactFriction(EffectOfDiscs):
         return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)
 
     def _direction(self, at: TouchState) -> Floats:
-        """The slide, (n,); 0 on discs without friction."""
-        return np.asarray(slide(at, self.reference) * self.acts_on(at))
+        """The slide, (n,); 0 on discs without friction; of one disc +1 where the movement is unknown."""
+        known = at.metadata.press.any(axis=1) | (self.disc is None)
+        return np.asarray(np.where(known, slide(at, self.reference), 1.0) * self.acts_on(at))
 
 
 @dataclass(frozen=True)

@@ -38,19 +38,30 @@ from scara_kinetostatic.model.kinematics import quarter_turn
 
 
 class AnisotropicGripper(LinearEffect):
-    """The compliance of the gripper couples along and across link 2: d = -coupling (F·v w + F·w v), w = R90 v.
+    """The compliance of the gripper differs with the direction: d = -[[excess, coupling], [coupling, -excess]] F.
 
-    v is the direction of link 2, the coupling is p12 = p21 of P in its frame. That P differs along and across,
-    p11 - p22, cannot be identified: it is another p_ee and p2. So is all of P where the arm has
-    one link angle only. The lever arms' change, of second order, is left out.
+    That is in the frame of link 2, beside p_ee.
+    To first order the excess along link 2 is another p_ee, and across it another p2 (-2 excess / l2²): no touch tells
+    it, it has the size of the coupling by its prior alone. So is all of it where the arm has one link angle only. The
+    lever arms' change, of second order, is left out.
     """
 
     name = 'anisotropic_gripper'
-    parameters = (Parameter('coupling', 'm/N', 1e-5, 'p12: yield across link 2 per force along it', typical=1e-6),)
+    parameters = (
+        Parameter('coupling', 'm/N', 1e-5, 'p12: yield across link 2 per force along it', typical=1e-6),
+        Parameter(
+            'excess',
+            'm/N',
+            1e-5,
+            'yield along link 2 beyond the mean, a part of p_ee and p2',
+            typical=0.0,
+            is_alias=True,
+        ),
+    )
     statement = 'the gripper also yields across the force'
     confounded_with = (
         'p_ee, p1 and p2, if the forces come from few directions relative to link 2; '
-        'the difference p11 - p22 is always part of p_ee and p2'
+        'the excess along link 2 with p_ee and p2, always'
     )
     identified_by = 'forces from all directions relative to link 2, in both elbow postures'
     plot_variable = 'direction_from_link2'
@@ -59,7 +70,8 @@ class AnisotropicGripper(LinearEffect):
         along = at.link2
         across = quarter_turn(along)
         f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
-        return (Shift(place=at.across_edges(-(f_along * across + f_across * along))),)
+        parts = f_along * across + f_across * along, f_along * along - f_across * across
+        return tuple(Shift(place=at.across_edges(-part)) for part in parts)
 
 
 class AnisotropicBacklash(LinearEffect):
@@ -143,28 +155,34 @@ class LinkBending(LinearEffect):
 
 
 class BaseCompliance(LinearEffect):
-    """The robot stands on springs: pushed by -F, its base moves by d = -[[excess, coupling], [coupling, -excess]] F.
+    """The robot stands on springs: pushed by -F, its base moves by d = -C F.
 
-    That is the part of a compliance matrix, in the base frame, that the base model lacks: what is the same in
-    all directions is another p_ee, what turns the base about joint 1 another p1.
+    C is its compliance in the base frame:
+
+        C = [[common + excess, coupling], [coupling, common - excess]].
+
+    What is the same in all directions is another p_ee, exactly: no touch tells `common`, which has the size of the
+    others by its prior alone. What turns the base about joint 1 is another p1.
     """
 
     name = 'base_compliance'
     parameters = (
         Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean; as much less along y', typical=1e-6),
         Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
+        Parameter(
+            'common', 'm/N', 1e-5, 'mean over all directions: no touch tells it from p_ee', typical=0.0, is_alias=True
+        ),
     )
     statement = 'the base yields under the force'
     confounded_with = (
-        'the compliances of gripper and joints, if the arm hardly turns; '
-        'its mean over all directions is always part of p_ee'
+        'the compliances of gripper and joints, if the arm hardly turns; its mean over all directions with p_ee, always'
     )
     identified_by = 'forces in all directions of the base frame, with the arm turned many ways'
     plot_variable = 'direction'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T
-        return tuple(Shift(place=at.across_edges(np.array(part).T)) for part in ((-x, y), (-y, -x)))
+        return tuple(Shift(place=at.across_edges(np.array(part).T)) for part in ((-x, y), (-y, -x), (-x, -y)))
 
 
 @dataclass(frozen=True)

@@ -106,8 +106,9 @@ class Column(NamedTuple):
 
 
 def columns_of(effect: Effect, at: TouchState) -> list[Column]:
-    """The columns as which an effect may be there in some touches: those of its amplitudes."""
-    amplitudes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters)))).tolist()
+    """The columns as which an effect may be there in some touches: those of its amplitudes, without what L̄ contains."""
+    acts = effect.amplitudes(np.array([not p.is_alias for p in effect.parameters], dtype=float))
+    amplitudes = np.flatnonzero(acts).tolist()
     forms = [tuple(map(float, values)) for values in effect.forms(at)]
     return [Column(effect, values, k) for values in forms for k in amplitudes]
 

@@ -10,8 +10,9 @@ names a module to import.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from scara_kinetostatic.errors import CalibrationFileError, CellError, InputErro
 from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Level, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -187,18 +188,21 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
         KeyError, TypeError, ValueError, AttributeError, OverflowError, ParameterError: it is damaged.
     """
     cell, entry = stored_cell(document['cell'], where), document['model']
-    model = _model(entry, cell, where)
+    model, stored = _model(entry, cell, where)
     stated = {name: part['value'] for name, part in document.get('parameters', {}).items()}
     _check_agreement(stated, model, where)
-    size, directions, noise = len(model.names), entry['undetermined'], entry['noise']
+    directions, noise = entry['undetermined'], entry['noise']
     grade = document['assessment']['grade']
     if grade not in ('', 'fit', 'caution', 'unfit'):  # empty where nobody has assessed it
         raise ValueError(f'assessment.grade: expected fit, caution or unfit, got {grade!r:.40}')
+    odds = [each['probability'] for each in document['diagnosis'].get('probabilities', ())]
+    if odds and not (min(odds) >= 0 and max(odds) <= 1 and abs(sum(odds) - 1) <= 1e-3):
+        raise ValueError(f'diagnosis.probabilities: expected 0 to 1, adding up to 1, got {odds!r:.60}')
     return CalibratedArm(
         cell=cell,
         model=model,
-        covariance=stored_covariance(entry['covariance'], size),
-        undetermined=stored_numbers(directions, (len(directions), size)).T,
+        covariance=stored_covariance(entry['covariance'], stored),
+        undetermined=filled(stored_numbers(directions, (len(directions), stored.sum())).T, stored),
         noise=Noise(_level(noise['joint']), _level(noise['force']), noise.get('force_relative')),
         sensor=_sensor(entry['sensor']),
         used=_used(entry['used']),
@@ -230,16 +234,31 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     return read_cell(description, f'{where}: cell', check_layout=False)
 
 
-def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> ExtendedModel:
+def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> tuple[ExtendedModel, Mask]:
+    """The model, and which of its values are stored."""
     effects = [read_effect(part, cell, where) for part in entry['effects']]
     start = ExtendedModel.at_start(cell.nominal, effects)
-    if list(start.names) != entry['names']:
+    stored = stored_names(entry['names'], start.names, start)
+    if stored is None:
         problem = 'the effects of this calibration have other parameters here'
         raise CalibrationFileError(where, problem, 'use the version of this package that wrote it')
-    model = start.with_array(stored_numbers(entry['values'], (len(start.names),)))
+    model = start.with_array(filled(stored_numbers(entry['values'], (stored.sum(),)), stored))
     if not min(model.parameters.l1, model.parameters.l2) > 0:
         raise ValueError('a link has no length')
-    return model
+    return model, stored
+
+
+def stored_names(listed: Sequence[str], names: Sequence[str], model: ExtendedModel) -> Mask | None:
+    """Which names of a model and more a file lists, (n,): older ones lack aliases; None where it lists others."""
+    found = np.array([name in listed or name not in model.aliases for name in names])
+    return found if list(compress(names, found)) == list(listed) else None
+
+
+def filled(values: Floats, stored: Mask) -> Floats:
+    """Values (p, …) in the places that are stored, 0 in others, (n, …)."""
+    found = np.zeros((len(stored), *values.shape[1:]))
+    found[stored] = values
+    return found
 
 
 def _check_agreement(stated: Mapping[str, Any], model: ExtendedModel, where: str | Path) -> None:
@@ -256,12 +275,13 @@ def _check_agreement(stated: Mapping[str, Any], model: ExtendedModel, where: str
             raise CalibrationFileError(where, problem, remedy)
 
 
-def stored_covariance(rows: Any, size: int) -> Floats:
-    """A covariance of a file, (size, size).
+def stored_covariance(rows: Any, stored: Mask) -> Floats:
+    """A covariance of a file in the places that it has, (n,), 0 in others, (n, n).
 
     Raises:
         ValueError, TypeError: it is none.
     """
+    size = int(stored.sum())
     found = stored_numbers(rows, (size, size))
     variance = np.diag(found)
     if (variance < 0).any():
@@ -273,7 +293,7 @@ def stored_covariance(rows: Any, size: int) -> Floats:
     if smallest < -rounding:
         problem = f'the correlation has an eigenvalue {smallest:.2g}'
         raise ValueError(f'the covariance is not positive semidefinite: {problem}')
-    return found
+    return filled(filled(found, stored).T, stored).T
 
 
 def _sensor(entry: Mapping[str, Any]) -> SensorErrors:

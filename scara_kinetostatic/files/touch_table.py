@@ -10,7 +10,7 @@ in place of `fx_N, fy_N`, in that of the tool, which link 2 carries. The others 
 - `object`: name of the touched object; where it is absent, it is found as in a recording (`touches.association`);
 - `time_s`: time of the touch; absent: unknown, so that drift cannot be identified;
 - `approach1`, `approach2`: each joint's last movement before the hold, rad, or only its sign, as 1 or -1; absent: 0,
-  unknown, so that hysteresis and friction cannot be identified.
+  unknown, so that hysteresis cannot be identified, and friction only of one object that turns all forces to one side.
 
 Unknown columns, and rows without joint angles and force, are named in a note and not used, so that a table of residuals
 can be read as a table of touches; so are rows in which one of these is NaN or infinite, unless most are. See `columns`

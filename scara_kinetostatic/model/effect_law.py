@@ -36,6 +36,8 @@ class Parameter(NamedTuple):
         start: where the estimation begins.
         typical: a value that matters, for examples and tests; None for a tenth of the scale.
         sign: +1 or -1 where only one sign is physical or can be simulated, else 0.
+        is_alias: whether it is exactly a part of L̄: no touch tells it, so a fit without priors holds it; where nobody
+            states it, it is 0.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Parameter(NamedTuple):
     start: float = 0.0
     typical: float | None = None
     sign: int = 0
+    is_alias: bool = False
 
 
 class TouchMetadata(NamedTuple):

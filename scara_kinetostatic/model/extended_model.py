@@ -146,6 +146,11 @@ class ExtendedModel:
         return frozenset(f'{effect.label}.{effect.grid_parameter}' for effect in self.effects if effect.is_stepwise)
 
     @property
+    def aliases(self) -> frozenset[str]:
+        """Those of `names` that are exactly a part of L̄: a fit without priors holds them where it begins."""
+        return frozenset(f'{effect.label}.{p.name}' for effect in self.effects for p in effect.parameters if p.is_alias)
+
+    @property
     def off_normal_std(self) -> float:
         """Standard deviation of the off-normal angle of the force, rad; 0 where no effect has one."""
         return max((effect.off_normal_std for effect in self.effects), default=0.0)

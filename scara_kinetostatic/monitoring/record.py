@@ -20,7 +20,14 @@ from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
-from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
+from scara_kinetostatic.files.calibration_file import (
+    filled,
+    read_arm,
+    read_document,
+    stored_covariance,
+    stored_names,
+    stored_numbers,
+)
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
@@ -111,6 +118,9 @@ class CalibrationRecord:
         size = stored_numbers(part['size'], (len(columns),))
         if not (all(isinstance(text, str) for text in columns) and len(of_robot) == len(size) and (size > 0).all()):
             raise ValueError('covariance_with_cell: undetected effects without a name or a size')
+        for place, name in enumerate(self.arm.model.names):
+            if name in self.arm.model.aliases and name not in rows:  # older files have none
+                rows, matrix = (*rows[:place], name, *rows[place:]), np.insert(matrix, place, 0.0, axis=0)
         return UndetectedErrors(rows, columns, of_robot, size, matrix)
 
     @property
@@ -258,13 +268,15 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
     Raises:
         KeyError, TypeError, ValueError: they are damaged, or not those of the model.
     """
-    names, declared = tuple(map(str, entry['names'])), DeclaredErrors.of(arm.cell)
-    if names != (*arm.model.names, *(declared.names if declared else ())):
+    declared = DeclaredErrors.of(arm.cell)
+    names = (*arm.model.names, *(declared.names if declared else ()))
+    stored = stored_names(entry['names'], names, arm.model)
+    if stored is None:
         raise ValueError('covariance_with_cell: names differ from those of the model and the cell')
-    values = stored_numbers(entry['values'], (len(names),))
+    values = filled(stored_numbers(entry['values'], (stored.sum(),)), stored)
     if not np.allclose(values[: len(arm.model.names)], arm.model.as_array(), rtol=1e-9, atol=0):
         raise ValueError('covariance_with_cell: values differ from those of the model')
-    return names, values, stored_covariance(entry['matrix'], len(names))
+    return names, values, stored_covariance(entry['matrix'], stored)
 
 
 def robot_name(cell: Cell) -> str:

@@ -54,7 +54,7 @@ def parse_effect(text: str, cell: Cell) -> TrueEffect:
     """The effect that a text describes, such as ``object_radius[disc_2]:radius=6e-5``.
 
     Args:
-        text: label of the effect, then each of its parameters once, SI units.
+        text: label of the effect, then each of its parameters once, SI units; without an alias it is 0.
         cell: that has the joints and discs.
 
     Raises:
@@ -66,7 +66,8 @@ def parse_effect(text: str, cell: Cell) -> TrueEffect:
     names = [parameter.name for parameter in effect.parameters]
     items = [item.partition('=') for item in listed.split(',') if item.strip()]
     given = [name.strip() for name, _, _ in items]
-    if sorted(given) != sorted(names):
+    unstated = [p.name for p in effect.parameters if p.is_alias and p.name not in given]
+    if sorted([*given, *unstated]) != sorted(names):
         raise ParameterError(where, f'expected {", ".join(names)} once each', parameter_list(effect))
     try:
         values = {name: float(value) for name, (_, _, value) in zip(given, items, strict=True)}
@@ -74,7 +75,7 @@ def parse_effect(text: str, cell: Cell) -> TrueEffect:
         raise ParameterError(where, f'expected parameter=value: {error}', parameter_list(effect)) from None
     if not all(isfinite(value) for value in values.values()):
         raise ParameterError(where, 'expected finite numbers', parameter_list(effect))
-    return TrueEffect(effect, tuple(values[name] for name in names))
+    return TrueEffect(effect, tuple(values.get(name, 0.0) for name in names))
 
 
 def parameter_list(effect: Effect) -> str:
@@ -146,8 +147,10 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     for entry in top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []:
         name, target = entry.word('name'), entry.data.get('target')
         effect = find(cell, f'{name}[{target}]' if target else name)
-        values = entry.section('parameters', [parameter.name for parameter in effect.parameters])
-        effects.append(TrueEffect(effect, tuple(values.number(parameter.name) for parameter in effect.parameters)))
+        needed, aliases = ([p.name for p in effect.parameters if p.is_alias == alias] for alias in (False, True))
+        values = entry.section('parameters', needed, aliases)
+        stated = (values.number(p.name) if p.name in values.data else 0.0 for p in effect.parameters)
+        effects.append(TrueEffect(effect, tuple(stated)))
     return with_effects(parameters, effects)
 
 

@@ -9,6 +9,7 @@ import pytest
 from diagnosis.simulated import (
     CELL,
     NOISE,
+    PLAN,
     UNKNOWN_NOISE,
     check_explained,
     check_parameters,
@@ -23,9 +24,13 @@ from benchmark import lone_flaws
 from benchmark.common import NO_OTHERS
 from benchmark.diagnosis.unlisted import OvalDisc, Ripple, StiffGripper
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.diagnosis.advice import unknown_history
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -106,6 +111,19 @@ def test_friction_with_the_only_disc_touched_has_the_name_of_the_disc_or_of_all(
     found = diagnose(calibrate(touches.select(touches.disc == 1), CELL))
     assert {item.effect.name for item in found.found} == {'contact_friction'}
     assert all(abs(item.values[0].value - 0.03) < 4 * item.values[0].std for item in found.found)
+
+
+@pytest.mark.parametrize('coefficient', [-0.04, 0.04])
+def test_friction_with_one_disc_is_named_where_the_movement_of_the_tip_is_unknown(coefficient):
+    """As in a table without columns for it: the sign is that by which the touches are turned."""
+    law, still = effect('contact_friction[disc_1]'), np.zeros((len(PLAN), 2))
+    exact = simulate_touches(CELL, PAPER_ACTUAL, PLAN, Noise(0.0, 0.0)).replace(approach=still, press=still)
+    turned = exact.force - force_residual(observe(exact, CELL), ExtendedModel(PAPER_ACTUAL, (law,), ((coefficient,),)))
+    random = np.random.default_rng(3)
+    joints, force = (random.normal(size, std) for size, std in ((exact.joints, 1e-5), (turned, 0.3)))
+    found = diagnose(calibrate(exact.replace(joints=joints, force=force), CELL))
+    check_explained(found, law.label, (coefficient,))
+    assert 'do not say how the tip slid' in unknown_history(exact, found)
 
 
 def test_discs_that_only_change_their_distance_are_rivals():

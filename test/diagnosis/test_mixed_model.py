@@ -50,6 +50,28 @@ def mixed(cell: Cell, touches=TOUCHES):
     return fit_mixed(calibrate(touches, cell), catalogue(cell)).fit
 
 
+@pytest.mark.parametrize(
+    ('label', 'stated', 'alias', 'part'),
+    [('base_compliance', (2e-6, 0.0), 'common', 'p_ee'), ('anisotropic_gripper', (2e-6,), 'excess', 'p2')],
+)
+def test_what_of_a_named_effect_is_a_part_of_the_arm_has_the_size_of_the_effect(label, stated, alias, part):
+    effect, size = find(CELL, label), 2e-6
+    true = ExtendedModel(PAPER_ACTUAL, (effect,), ((*stated, size),))
+    touches = simulate_touches(CELL, true, default_plan(CELL, 12, preload=0.3), seed=4)
+    alone = calibrate(touches, CELL, [effect])
+    assert (alone.effects[label][alias].value, alone.effects[label][alias].status) == (0.0, 'fixed')
+    fit = fit_mixed(calibrate(touches, CELL), catalogue(CELL), alone.model).fit
+    assert 0.5 * size < fit.effects[label][alias].std < 2 * size
+    assert abs(fit[part].value - getattr(PAPER_ACTUAL, part)) < 3 * fit.std_of(part)
+    assert fit.std_of(part) > 5 * alone.std_of(part)
+    both = [fit.model.names.index(name) for name in (part, f'{label}.{alias}')]
+    (square, mixed), (_, other) = fit.covariance[np.ix_(both, both)]
+    assert abs(mixed) > 0.9 * np.sqrt(square * other)
+    force = np.tile([10.0, -20.0], (len(touches), 1))
+    one, two = (Predictor(each.arm).locate(touches.joints, force).position for each in (fit, alone))
+    np.testing.assert_allclose(one, two, rtol=0, atol=2e-5)
+
+
 def test_without_effects_everything_is_as_the_fit_has_it(capfd):
     none = declaring(CELL, sizes=SizeMode.NONE)
     fit = calibrate(TOUCHES, none)
@@ -225,6 +247,24 @@ def test_a_comparison_is_of_the_same_robot(outcome):
     assert [part.name for part in change.parameters] == list(NAMES)
     std = np.hypot(calibrate(TOUCHES, CELL).std, again.final.std_noise)
     assert np.allclose([part.std for part in change.parameters], std, rtol=0.05)
+
+
+def test_a_file_of_before_the_alias_of_a_named_effect_is_compared():
+    true = ExtendedModel(PAPER_ACTUAL, (find(CELL, 'base_compliance'),), ((3e-6, -2e-6, 0.0),))
+    again = calibrate_touches(simulate_touches(CELL, true, default_plan(CELL, 12, preload=0.3), seed=5), CELL)
+    new = CalibrationRecord.of_outcome(again)
+    document, place = as_document(again), again.arm.model.names.index('base_compliance.common')
+    model, joint = document['model'], document['covariance_with_cell']
+    for entry, matrix in ((model, 'covariance'), (joint, 'matrix')):
+        lists = entry['names'], entry['values'], *entry[matrix], entry[matrix]
+        for rows in (*lists, *(entry['undetermined'] if entry is model else ())):
+            del rows[place]
+    del joint['undetected']['rows'][place], joint['undetected']['matrix'][place]
+    old = CalibrationRecord.of_document(document, 'old')
+    assert old.names == new.names
+    assert old.undetected.rows == new.undetected.rows
+    assert not old.covariance[place].any() and new.covariance[place, place] > 1e-13
+    assert compare(old, new).tip < 1e-9
 
 
 def test_an_object_left_out_checks_what_is_stated():

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Collection, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from calibration.studies import CELL, NOISE
@@ -17,6 +17,7 @@ from scara_kinetostatic.calibration.gauss_helmert import linearise, whiten_by
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
@@ -45,25 +46,53 @@ class Visibility(NamedTuple):
     unit: str
 
 
-def visibility(
+def columns(
     robot: Parameters, per_disc: int = 18, preload: float = 0.3, both_postures: bool = True
-) -> list[Visibility]:
-    """Of every effect, for exact touches of the default plan, or its left elbow posture, and the usual noise."""
+) -> Iterator[tuple[Effect, str, int, Floats, Floats]]:
+    """Of every parameter of every effect its label, its number, its whitened column, and what is new of that.
+
+    For exact touches of the default plan, or its left elbow posture, and the usual noise.
+    """
     plan = default_plan(CELL, per_disc=per_disc, preload=preload)
     plan = plan if both_postures else plan.select(plan.posture > 0)
     touches = exact_touches(robot, plan)
     observations = observe(touches, CELL)
     point = project(observations, ExtendedModel(robot), NOISE)
     base = np.linalg.qr(point.whitened.derivative.reshape(2 * len(touches), -1))[0]
-    found = []
     for effect in catalogue(CELL):
         for name, values, k in _cases(effect):
             linear = linearise(observations, ExtendedModel(robot, (effect,), (values,)), point.adjusted)
             column = whiten_by(linear.derivative[:, :, 12 + k : 13 + k], point.whitened.root).ravel()
-            left = np.linalg.norm(column - base @ (base.T @ column))
-            doubling = np.sqrt(2 * len(touches) - 12) / left if left > 0 else np.inf
-            about = effect.parameters[k]
-            found.append(Visibility(name, left / np.linalg.norm(column), doubling, about.scale, about.unit))
+            yield effect, name, k, column, column - base @ (base.T @ column)
+
+
+def visibility(robot: Parameters, **plan: Any) -> list[Visibility]:
+    """Of every parameter of every effect, for touches as in `columns`."""
+    found = []
+    for effect, name, k, column, rest in columns(robot, **plan):
+        left, about = np.linalg.norm(rest), effect.parameters[k]
+        doubling = np.sqrt(len(column) - 12) / left if left > 0 else np.inf
+        found.append(Visibility(name, left / np.linalg.norm(column), doubling, about.scale, about.unit))
+    return found
+
+
+def least_new(robot: Parameters, aliases: Collection[str]) -> dict[str, float]:
+    """Of every effect the least part that is new of any combination of its parameters, without some: near 0 where one
+    more of them is a part of the base model.
+    """
+    parts = dict[str, list[tuple[Floats, Floats]]]()
+    for effect, name, _, column, rest in columns(robot):
+        if name not in aliases:
+            form = name if effect.grid_parameter else effect.label
+            parts.setdefault(form, []).append((column, rest))
+    found = {}
+    for form, pairs in parts.items():
+        unit, rest = (
+            np.stack(each, axis=1) / [np.linalg.norm(column) for column, _ in pairs]
+            for each in zip(*pairs, strict=True)
+        )
+        mixture = np.linalg.svd(rest)[2][-1]
+        found[form] = float(np.linalg.norm(rest @ mixture) / np.linalg.norm(unit @ mixture))
     return found
 
 

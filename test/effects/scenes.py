@@ -54,7 +54,9 @@ def with_effect(effect: Effect, robot: Parameters = PAPER_ACTUAL) -> ExtendedMod
 
 def plausible(effect: Effect) -> np.ndarray:
     """Values of an effect's parameters, of a size that would matter."""
-    return np.array(effect.typical)
+    return np.array(
+        [p.scale / 10 if p.is_alias else size for p, size in zip(effect.parameters, effect.typical, strict=True)]
+    )
 
 
 def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL) -> Scene:

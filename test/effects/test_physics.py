@@ -147,20 +147,20 @@ def test_bending_of_link_1_is_that_of_a_beam():
 def test_a_gripper_that_yields_aside():
     """P of the gripper in the frame of link 2 has p12 = p21, so that the work is -2 p12 F_v F_w."""
     at = SCENE.touch_state
-    work = (AnisotropicGripper().shift(at, np.array([2e-6])).place * at.force).sum(axis=1)
+    work = (AnisotropicGripper().shift(at, np.array([2e-6, 0.0])).place * at.force).sum(axis=1)
     along, across = ((at.force * axis).sum(axis=1) for axis in (at.link2, quarter_turn(at.link2)))
     np.testing.assert_allclose(work, -4e-6 * along * across, rtol=0, atol=1e-12)
-    assert np.abs(with_effect(AnisotropicGripper(), 2e-6).force - plain().force).max() > 1
+    assert np.abs(with_effect(AnisotropicGripper(), 2e-6, 0.0).force - plain().force).max() > 1
 
 
 def test_a_base_on_springs_moves_away_from_the_disc():
-    moved = [with_effect(BaseCompliance(), e, 0.0) for e in (0.0, 2e-6)]
+    moved = [with_effect(BaseCompliance(), e, 0.0, 0.0) for e in (0.0, 2e-6)]
     along_x = np.abs(moved[0].force[:, 0]) > 0.98 * moved[0].magnitude
     assert along_x.sum() > 5
     assert np.all(moved[1].magnitude[along_x] < moved[0].magnitude[along_x])
-    work = BaseCompliance().shift(SCENE.touch_state, np.array([1e-6, 1e-6])).place
+    work = BaseCompliance().shift(SCENE.touch_state, np.array([1e-6, 1e-6, 3e-6])).place
     x, y = SCENE.poses.force.T
-    np.testing.assert_allclose((work * SCENE.poses.force).sum(axis=1), -1e-6 * (x * x - y * y + 2 * x * y))
+    np.testing.assert_allclose((work * SCENE.poses.force).sum(axis=1), -1e-6 * (4 * x * x + 2 * y * y + 2 * x * y))
 
 
 def test_gravity_draws_the_arm_downhill():
@@ -213,6 +213,16 @@ def test_friction_with_one_disc_is_that_with_all_in_its_touches_alone():
     np.testing.assert_allclose(one.force[~FIRST], plain().force[~FIRST], rtol=0, atol=1e-9)
     assert np.abs(one.force - plain().force)[FIRST].max() > 1
     assert np.abs(one.force - every.force)[~FIRST].max() > 1
+
+
+def test_where_the_movement_is_unknown_friction_with_one_disc_turns_the_force_to_one_side():
+    at = SCENE._replace(metadata=SCENE.metadata._replace(press=np.zeros_like(SCENE.joints))).touch_state
+    one = ContactFriction.of(0, 'disc_1').shift(at, np.array([-0.1])).place
+    tangent = (one * at.tangent).sum(axis=1)
+    np.testing.assert_allclose(
+        tangent, np.where(at.metadata.disc == 0, np.sin(0.1) * at.radii, 0.0), rtol=0, atol=1e-12
+    )
+    assert not ContactFriction().shift(at, np.array([-0.1])).place.any()  # of all it is a turned sensor
 
 
 def test_a_tip_pressed_along_the_normal_sticks():

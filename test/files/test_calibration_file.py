@@ -13,7 +13,7 @@ import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
-from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import arm_document, load_calibration, read_arm
@@ -52,6 +52,30 @@ def test_every_effect_of_the_catalogue_is_read_back(plain: Outcome) -> None:
         same(read_arm(json.loads(json.dumps(arm_document(other))), 'x'), other)
 
 
+@pytest.mark.parametrize('label', ['base_compliance', 'anisotropic_gripper'])
+def test_a_file_of_before_the_part_that_the_arm_contains_is_read(label: str, plain: Outcome) -> None:
+    """That part is then 0, and exactly so."""
+    effect = find(PAPER_CELL, label)
+    model = ExtendedModel(plain.arm.model.parameters, (effect,), ((*[1e-6] * (len(effect.parameters) - 1), 0.0),))
+    size = len(model.names)
+    covariance = np.diag([*np.ones(size - 1), 0.0])
+    arm = replace(plain.arm, cell=PAPER_CELL, model=model, covariance=covariance, undetermined=np.eye(size)[:, :1])
+    document = json.loads(json.dumps(arm_document(arm)))
+    stored = document['model']
+    for rows in (
+        stored['names'],
+        stored['values'],
+        *stored['covariance'],
+        stored['covariance'],
+        *stored['undetermined'],
+    ):
+        del rows[-1]
+    same(read_arm(document, 'x'), arm)
+    del stored['names'][-1]
+    with pytest.raises(CalibrationFileError, match='other parameters'):
+        read_arm(document, 'x')
+
+
 def _without(key: str) -> Callable[[dict[str, Any]], Any]:
     def change(document: dict[str, Any]) -> Any:
         del document[key]
@@ -69,6 +93,10 @@ def _with(*path: str | int, value: Any) -> Callable[[dict[str, Any]], Any]:
         return document
 
     return change
+
+
+def odds(*values: float) -> list[dict[str, Any]]:
+    return [{'effects': [f'effect{k}'], 'probability': value} for k, value in enumerate(values)]
 
 
 EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
@@ -97,6 +125,10 @@ EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
         (_with('model', 'used', 'highest_force', value=-1.0), 'damaged'),
         (_with('model', 'effects', value=[EFFECT | {'name': 'n', 'class': 'N'}]), "'l' of this calibration"),
         (_with('model', 'effects', value=[EFFECT | {'fields': 3}]), 'damaged'),
+        (_with('diagnosis', 'probabilities', value=odds(0.9, 0.2)), r'adding up to 1, got \[0.9, 0.2\]'),
+        (_with('diagnosis', 'probabilities', value=odds(1.2, -0.2)), 'probabilities: expected 0 to 1'),
+        (_with('diagnosis', 'probabilities', value=odds(float('nan'))), 'probabilities: expected 0 to 1'),
+        (_with('diagnosis', 'probabilities', value=[{'effects': []}]), "no 'probability'"),
         (_with('cell', 'nominal', value={'l1': 'long'}), 'cell: robot.nominal'),
         (_with('cell', 'gripper_excess', value=[[1e-6, 0.0], [0.0, 0.0]]), 'no general gripper; calibrate again'),
     ],
@@ -110,6 +142,16 @@ def test_anything_else_is_refused(
         load_calibration(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [_with('diagnosis', value={'verdict': 'none'}), _with('diagnosis', 'probabilities', value=odds(0.97, 0.0304))],
+)
+def test_probabilities_are_right_or_absent_as_in_older_files(
+    change: Callable[[dict[str, Any]], Any], plain: Outcome
+) -> None:
+    assert read_arm(json.loads(json.dumps(change(as_document(plain)))), 'x').model == plain.arm.model
 
 
 def test_a_gripper_that_older_files_state_to_be_isotropic_is_read(plain: Outcome, tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def test_the_displaced_disc_is_named_alone_or_beside_rivals():
 def test_its_values_are_those_built_and_touches_not_used_are_predicted(name):
     outcome, built = outcome_of(name), built_effect(name)[1]
     for value in found_effect(outcome, name).values:
-        assert abs(value.value - built[value.name]) < 4 * value.std
+        assert abs(value.value - built.get(value.name, 0.0)) < 4 * value.std  # what is expected of p_ee has an alias
     clean = outcome_of(WITHOUT_EFFECT).held_out.force_error
     assert outcome.held_out.force_error > 2 * clean
     assert outcome.extended_held_out.force_error < 1.15 * clean

@@ -31,6 +31,15 @@ def test_text_gives_every_effect_in_any_order_of_its_parameters(chosen):
     assert parse_effect(f'{chosen.effect.label}: {",".join(reversed(given))},', CELL) == chosen
 
 
+def test_what_the_arm_contains_may_be_left_out(tmp_path):
+    chosen = parse_effect('base_compliance:excess=2e-6,coupling=1e-6', CELL)
+    assert chosen.values == (2e-6, 1e-6, 0.0)
+    path = tmp_path / 'truth.yaml'
+    path.write_text(truth_text(with_effects(PAPER_ACTUAL, [chosen])).replace(', common: 0.0', ''))
+    assert 'common' not in path.read_text()
+    assert load_truth(path, CELL) == with_effects(PAPER_ACTUAL, [chosen])
+
+
 def test_the_robot_has_the_chosen_effects_with_their_values():
     truth = with_effects(PAPER_ACTUAL, CHOSEN)
     assert truth.effects == EFFECTS

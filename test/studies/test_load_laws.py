@@ -20,6 +20,7 @@ from scara_kinetostatic.studies.loops.report import hysteresis_document, hystere
 from scara_kinetostatic.studies.loops.selection import (
     Selection,
     Study,
+    analyse,
     analyse_both,
     p_independent,
     predict_records,
@@ -253,6 +254,16 @@ def test_another_record_is_predicted_after_its_first_third(of_loops: Selection) 
     later = other.response + np.where(np.arange(len(other)) < len(other) // 3, 0.0, 1e-3)
     (moved,) = predict_records(of_loops, [replace(other, response=later)])
     assert (moved.after.state, moved.after.zero) == (found.after.state, found.after.zero)
+
+
+def test_a_record_on_which_the_law_of_all_does_not_hold_is_named_with_the_figure(of_loops: Selection) -> None:
+    softer = replace(gear(3), source='softer.csv', response=1.5 * gear(3).response)
+    (found,) = analyse([gear(), gear(1), softer], LOAD)
+    assert re.fullmatch(r'On softer.csv the law of all records errs \d+\.\d times as much .*', found.misfit)
+    report = hysteresis_report([found], predict_records(found, [gear(2)]))
+    assert (report.answer.level, report.answer.sentences[0]) == ('caution', found.misfit)
+    assert hysteresis_document([found])['misfit'] == found.misfit
+    assert not of_loops.misfit and hysteresis_document([of_loops])['misfit'] is None
 
 
 def test_what_is_refused() -> None:

@@ -71,6 +71,7 @@ def _content(selection: Selection) -> Document:
         },
         'p_value_without_memory': selection.p_without_memory,
         'direction': study.direction,
+        'misfit': selection.misfit or None,
         f'{driven}_error': {**both, 'unit': study.records[0].unit(unit)},
         'candidates': candidates,
         'parameters': {each.law.name: selection.stated(each) for each in (before, selected) if each},
@@ -118,6 +119,9 @@ def hysteresis_report(
             Section(each.study.records[0].name, (found, *_blocks(each, f'record{k}')))
             for k, (each, found) in enumerate(zip(selections, verdicts, strict=True))
         )
+    if selections[0].misfit:
+        level = 'caution' if answer.level == 'good' else answer.level
+        answer = answer._replace(level=level, sentences=(selections[0].misfit, *answer.sentences))
     if predicted:
         begins = 'the unloading' if study.records[0].is_at_rest_first else 'the end of the first third'
         note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'

@@ -419,20 +419,24 @@ class Study:
         correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
         return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
 
-    def check_one_joint(self, candidate: Candidate) -> None:
-        """Checks that loops of several records may be of one joint.
-
-        Raises:
-            RecordingError: the law of all errs on one by 5 % of its range, and 2.5 times as much as one of its own.
+    def misfit(self, candidate: Candidate) -> str:
+        """In loops of several records, the one on which the law of all errs most beside a law of its own, in words;
+        empty where it errs on each by less than 5 % of its range, or less than 2.5 times as much.
         """
+        found = list[tuple[float, str]]()
         parts = zip(self._moments(candidate.law), self.paths, candidate.along, candidate.whole.states, strict=True)
         for part, path, along, state in parts if self.in_loops and not self.is_single else ():
             own = fit_law([part], candidate.whole._replace(states=np.array([state])), near=True)
             alone, together = rms(predict(own, path, path.known).residual), rms(along.residual)
             if together > max(2.5 * alone, 0.05 * np.ptp(path.driven)):
-                problem = f'one law for all records errs on it {together / alone:.1f} times as much as one of its own'
-                remedy = 'give records of one joint: this one or others differ'
-                raise RecordingError(path.record.source, problem, remedy)
+                found.append((together / alone, path.record.source))
+        if not found:
+            return ''
+        ratio, source = max(found)
+        return (
+            f'On {source} the law of all records errs {ratio:.1f} times as much as one of its own: '
+            f'are they of one joint? What is predicted may err as much.'
+        )
 
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
         """Residuals of the fit to all records, of a load from its coming on, as means of blocks."""
@@ -529,6 +533,7 @@ class Selection(NamedTuple):
         verdict: none (law (6) is sufficient), explained (one law selected), ambiguous (with rivals), unexplained
             (the residual of law (6) depends on a variable, but no candidate is accepted), undecided (the records could
             not show that it is not sufficient).
+        misfit: on which record the law stated does not hold (`Study.misfit`); empty where it holds on all.
     """
 
     study: Study
@@ -540,6 +545,7 @@ class Selection(NamedTuple):
     p_without_memory: float
     dependence_after: tuple[Dependence, ...]
     verdict: str
+    misfit: str = ''
 
     @property
     def final(self) -> Candidate:
@@ -612,20 +618,20 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
         driven: `MOTION` or `LOAD`.
 
     Raises:
-        RecordingError: see `Study` and `Study.check_one_joint`.
+        RecordingError: see `Study`.
         UnsupportedDataError: a record is not of full loops, or does not go from rest to rest; it is named.
     """
     if driven == MOTION:
         return tuple(map(select_model, [Study([record], MOTION) for record in records]))
     study = Study(records)
     selection = select_model(study)
-    study.check_one_joint(selection.final)
-    return (selection,)
+    return (selection._replace(misfit=study.misfit(selection.final)),)
 
 
 def analyse_both(records: Sequence[Record], looks: str) -> tuple[tuple[Selection, ...], tuple[Selection, ...]]:
     """Records of which nothing states what drives them, as driven by that by which the law errs less on what it has not
-    seen (`Selection.final_share`), and by the other; nothing for that where they cannot be driven by it.
+    seen (`Selection.final_share`) or which holds on all, and by the other; nothing for that where they cannot be driven
+    by it.
 
     Args:
         records: of one joint.
@@ -639,7 +645,7 @@ def analyse_both(records: Sequence[Record], looks: str) -> tuple[tuple[Selection
         with suppress(RecordingError, UnsupportedDataError):
             found.append(analyse(records, driven))
     found = found or [analyse(records, looks)]
-    better, *worse = sorted(found, key=lambda some: max(each.final_share for each in some))
+    better, *worse = sorted(found, key=lambda some: (bool(some[0].misfit), max(each.final_share for each in some)))
     return better, worse[0] if worse else ()
 
 
