@@ -140,11 +140,14 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     y = point.whitened.residual.ravel() - by_errors @ np.concatenate([c.errors, c.random_values]) - by_effects @ own
 
     trials = [item.trial for item in kept]
+    fitted = {effect: len(values) for effect, values, _ in fitted_effects(c) if len(values)}
     units = [trial_units(item.effect, item.trial, arm) for item in kept]
+    for item, unit in zip(kept, units, strict=True):
+        if item.effect not in fitted:  # what the arm contains of an effect counts where it is named
+            unit[[p.is_alias for p in item.effect.parameters][: len(unit)]] = 0.0
     gross = problem.changes(*trials) * np.concatenate([*units, []])
     columns = np.split(np.arange(gross.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
     of_gross = np.full((size + by_errors.shape[1], gross.shape[1]), np.nan)
-    fitted = {effect: len(values) for effect, values, _ in fitted_effects(c) if len(values)}
     labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
     named = []
     for item, unit, at in zip(kept, units, columns, strict=True):
