@@ -184,7 +184,8 @@ def draw(task: Task) -> Drawn:
     for effect, of_effect in own.items():
         if factor and effect not in errors:
             sizes = sizes_of(effect, factor, DECLARED if declared else {})
-            errors[effect] = np.array(errors_of(effect, sizes, of_effect))
+            free = [not p.is_alias for p in effect.parameters]
+            errors[effect] = np.array(errors_of(effect, sizes[free], of_effect))
             if np.abs(effect.amplitudes(errors[effect]) / sizes).max() > LARGE:
                 large.append(effect.label)
         if effect.is_stepwise and effect in errors:
