@@ -336,6 +336,10 @@ class Uncertainty:
                 raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
 
 
+OBJECT_POSITION = 'object_position'
+"""Name of the error of an object's place, declared or not."""
+
+
 class SizeMode(str, Enum):
     """Where the sizes of undetected effects come from."""
 
@@ -626,6 +630,14 @@ class Cell:
     def surfaces(self) -> Surfaces:
         """The edges and arcs on which the tip's centre is in contact: of each disc its circle."""
         return known_surfaces(self.discs, self.tip_radius)
+
+    @property
+    def undeclared_places(self) -> tuple[str, ...]:
+        """Names of the objects of whose place no uncertainty is stated: theirs, their plate's, or as an effect's."""
+        stated, plates = self.uncertainty.effects.stated, {p.name for p in self.plates if p.center_std}
+        known = {d.name for d in self.discs if d.center_std or d.plate in plates}
+        known |= {d.name for d in self.discs if {OBJECT_POSITION, f'{OBJECT_POSITION}[{d.name}]'} & stated.keys()}
+        return tuple(disc.name for disc in self.discs if disc.name not in known)
 
     @property
     def surface_std(self) -> float:
