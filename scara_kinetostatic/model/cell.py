@@ -759,10 +759,12 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
 """The three discs of figure 3."""
+MEASURED_DISCS = tuple(disc._replace(center_std=3e-6, radius_std=2e-6) for disc in PAPER_DISCS)
+"""The same, as known as by a coordinate measuring machine."""
 PAPER_CELL = Cell(
-    PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')
+    PAPER_NOMINAL, MEASURED_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')
 )
-"""The cell of the paper, with typical noise; its topics are in the namespace of the nodes."""
+"""The cell of the paper, with measured discs and typical noise; its topics are in the namespace of the nodes."""
 
 
 def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
