@@ -372,6 +372,8 @@ def stated_conformity(evidence: Evidence) -> str:
         return 'cannot be stated: the cause of a model error is unknown'
     if DeclaredErrors.of(evidence.final.cell) is None and not evidence.final.has_undetected:
         return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
+    if evidence.assumed:
+        return 'shown for the assumed places of objects'
     return 'shown (ISO 14253-1)'
 
 
