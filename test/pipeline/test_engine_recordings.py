@@ -105,5 +105,7 @@ def test_its_values_are_those_built_and_touches_not_used_are_predicted(name):
     for value in found_effect(outcome, name).values:
         assert abs(value.value - built[value.name]) < 4 * value.std
     clean = outcome_of(WITHOUT_EFFECT).held_out.force_error
-    assert outcome.comparison.base.reduced_chi_square > 3  # errors of discs beyond what is declared lower the force error
+    assert (
+        outcome.comparison.base.reduced_chi_square > 3
+    )  # errors of discs beyond what is declared lower the force error
     assert outcome.extended_held_out.force_error < 1.15 * clean
