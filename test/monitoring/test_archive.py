@@ -17,17 +17,14 @@ from cli.command import Run
 from cli.conftest import run
 from distributed import LocalCluster
 
-from benchmark.common import CELL as BARE
-from benchmark.common import dump_touch_table
+from benchmark.common import CELL, dump_touch_table
 from scara_kinetostatic import simulate
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.files.touch_table import TouchTable
-from scara_kinetostatic.model.cell import MEASURED_DISCS, Identification
+from scara_kinetostatic.model.cell import Identification
 from scara_kinetostatic.monitoring import archive
 from scara_kinetostatic.monitoring.archive import Task, _answers, recalibrate, tasks_of
-
-CELL = replace(BARE, discs=MEASURED_DISCS)
 
 assert run  # a fixture
 
