@@ -139,6 +139,15 @@ def test_a_tip_known_less_than_by_the_data_sheet_is_not_fit() -> None:
     assert tolerated.assessment.grade is Grade.FIT
 
 
+def test_objects_of_unknown_place_tell_less_than_the_nominal_arm() -> None:
+    cell = replace(BARE, discs=tuple(disc._replace(center_std=2e-3) for disc in PAPER_DISCS))
+    touches = simulate_touches(BARE, PAPER_NOMINAL.replace(l1=0.3305, x0=4e-4), PLAN, NOISE, seed=3)
+    found = calibrate_touches(touches, cell)
+    assert found.tip_uncertainty.worst > 2e-3
+    assert found.assessment.grade is Grade.CAUTION
+    assert found.assessment.reasons[0].endswith('the touches tell less than the data sheet')
+
+
 def test_eight_touches_check_nothing() -> None:
     some = np.sort(np.random.default_rng(3).choice(len(PLAN), 8, replace=False))
     found = calibrate_touches(touch(PLAN.select(some)), PAPER_CELL).assessment
