@@ -471,8 +471,8 @@ def _notes(evidence: Evidence) -> Iterator[str]:
         yield f'the joint angles are read in steps of {step}, which is their noise: {level}; finer readings tell more'
     effects = c.cell.uncertainty.effects
     if effects.sizes is SizeMode.NONE:
-        others = [name for name, size in effects.stated.items() if size]
-        others = f' but {", ".join(others)}' if others else ''
+        stated = ', '.join(name for name, size in effects.stated.items() if size)
+        others = f' but {stated}' if stated else ''
         yield f'undetected effects{others} are left out: uncertainties are those of a robot without them'
     counted = 'as exact' if effects.sizes is SizeMode.NONE else 'with undetected errors'
     missing = [f'no uncertainties (discs, radii and sensor count {counted})'] * (DeclaredErrors.of(c.cell) is None)

@@ -69,8 +69,10 @@ def _more(c: Calibration, size: float) -> Floats:
     smaller = sizes < size
     at, prior, sizes = at[smaller], prior[smaller], sizes[smaller]
     (kept, scale), everything = of_full_model(c), c.covariance_with_errors / c.enlargement
-    left = scale[:, None] * everything[np.ix_(kept, at)]
-    weight = np.diag(prior**2 / (1 - (sizes / size) ** 2)) - everything[np.ix_(at, at)]
+    left, own = scale[:, None] * everything[np.ix_(kept, at)] / prior, everything[np.ix_(at, at)]
+    values, vectors = np.linalg.eigh(own / np.outer(prior, prior))
+    own = vectors * np.minimum(values, 1.0) @ vectors.T  # the scatter of rivals may exceed the prior
+    weight = np.diag(1 / (1 - (sizes / size) ** 2)) - own
     return np.asarray(c.enlargement * left @ np.linalg.solve(weight, left.T))
 
 
