@@ -22,7 +22,7 @@ from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors,
 from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, EffectSizes, Noise, SizeMode, Uncertainty
+from scara_kinetostatic.model.cell import OBJECT_POSITION, PAPER_DISCS, Cell, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -30,7 +30,7 @@ from scara_kinetostatic.simulation.slides import Circle
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)
-NO_OTHERS = Uncertainty(effects=EffectSizes(SizeMode.NONE))
+NO_OTHERS = Uncertainty(effects=EffectSizes(SizeMode.NONE, stated={OBJECT_POSITION: 0.0}))
 """Of simulated robots without undetected effects."""
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE, uncertainty=NO_OTHERS)
 """The paper's cell."""

@@ -207,7 +207,7 @@ def diagnose(source: TouchSet | Paths, cell: Cell, *, fixed: Mapping[str, float]
         'explained'
         >>> radius = outcome.effects['object_radius[disc_2]']['radius']
         >>> print(f'{1e6 * radius.value:.0f} ± {1e6 * radius.std:.0f} µm')
-        60 ± 2 µm
+        60 ± 3 µm
     """
     expect(cell, Cell, 'cell', _LOAD)
     if isinstance(source, TouchSet):

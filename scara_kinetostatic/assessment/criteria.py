@@ -20,6 +20,7 @@ from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remar
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.noise_estimation import reading_noise
+from scara_kinetostatic.calibration.prior_knowledge import nominal_uncertainty
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
@@ -38,6 +39,39 @@ _RECORD_MORE = 'record more touches, all round every disc, in both elbow posture
 _ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
 GEOMETRY = 6
 """The first parameters are those of the unloaded arm."""
+
+
+def assumed(evidence: Evidence) -> Iterator[Remark]:
+    """Objects of whose place nothing is declared: what was assumed decides where the base is, and no touch shows it."""
+    found, cell = evidence.assumed, evidence.final.cell
+    if found is None:
+        return
+    names, every = cell.undeclared_places, len(cell.undeclared_places) == len(cell.discs)
+    reason = f'the places of {"the objects" if every else ", ".join(names)} are not declared'
+    now, then = (quantity(size, 'm') for size in (evidence.tip_uncertainty.worst, found.if_three_times))
+    if not found.objects:
+        reason += ' and count as exact: a displacement common to them shows in no touch'
+    else:
+        reason += f': {quantity(found.objects, "m")} are assumed'
+        if math.isfinite(found.if_three_times):
+            reason += f'; with three times as much the tip would be known to {then}'
+            reason += f' instead of {now}' if now != then else ', as it is'
+    action = 'state how well the places of the objects are known, in m, as `uncertainty: {center: 1.0e-5}` of each'
+    yield Remark(Grade.CAUTION, reason, action)
+
+
+def less_known_than_nominal(evidence: Evidence) -> Iterator[Remark]:
+    """A tip that is known no better than by the nominal values, and no tolerance for which that would do."""
+    c, tip, found = evidence.final, evidence.tip_uncertainty, evidence.conformity
+    if tip.at is None or (found is not None and found.decision is Decision.CONFORMS):
+        return
+    nominal = nominal_uncertainty(c, tip.at)
+    if tip.worst > nominal:
+        worst, known = quantity(tip.worst, 'm'), quantity(nominal, 'm')
+        where = f'by the nominal values, as declared, to {known}'
+        where = where if c.cell.uncertainty.nominal else f'and differs from that of the nominal arm by {known} at most'
+        reason = f'the tip is known to {worst} only, {where}: the touches tell less than the data sheet'
+        yield Remark(Grade.CAUTION, reason, advice(evidence))
 
 
 def mistaken(evidence: Evidence) -> Iterator[Remark]:
@@ -360,6 +394,8 @@ def stated_conformity(evidence: Evidence) -> str:
         return 'cannot be stated: the cause of a model error is unknown'
     if DeclaredErrors.of(evidence.final.cell) is None and not evidence.final.has_undetected:
         return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
+    if evidence.assumed:
+        return 'shown for the assumed places of objects'
     return 'shown (ISO 14253-1)'
 
 
@@ -404,6 +440,7 @@ def to_discriminate(d: Diagnosis) -> str:
 
 
 CRITERIA = (
+    *(assumed, less_known_than_nominal),
     *(mistaken, negative, forgotten_gravity, upside_down, undetermined, rejections.rejected, checked),
     *(unexplained, ambiguous, shifted, noise, rejections.unusable, large_backlash, conformity, alike, places),
 )
@@ -451,7 +488,8 @@ def _notes(evidence: Evidence) -> Iterator[str]:
         yield f'the joint angles are read in steps of {step}, which is their noise: {level}; finer readings tell more'
     effects = c.cell.uncertainty.effects
     if effects.sizes is SizeMode.NONE:
-        others = f' but {", ".join(effects.stated)}' if effects.stated else ''
+        stated = ', '.join(name for name, size in effects.stated.items() if size)
+        others = f' but {stated}' if stated else ''
         yield f'undetected effects{others} are left out: uncertainties are those of a robot without them'
     counted = 'as exact' if effects.sizes is SizeMode.NONE else 'with undetected errors'
     missing = [f'no uncertainties (discs, radii and sensor count {counted})'] * (DeclaredErrors.of(c.cell) is None)

@@ -28,6 +28,7 @@ from scipy.special import chdtri
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.held_out import HeldOut
+from scara_kinetostatic.calibration.prior_knowledge import Assumed, assumed_places
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
@@ -175,6 +176,12 @@ class Evidence:
     def tip_uncertainty(self) -> TipUncertainty:
         """Expanded uncertainty of the tip over the workspace."""
         return tip_uncertainty(self.final)
+
+    @cached_property
+    @one_thread
+    def assumed(self) -> Assumed | None:
+        """What was assumed of the places of objects; None where they are declared."""
+        return assumed_places(self.final)
 
     @cached_property
     @one_thread

@@ -336,6 +336,10 @@ class Uncertainty:
                 raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
 
 
+OBJECT_POSITION = 'object_position'
+"""Name of the error of an object's place, declared or not."""
+
+
 class SizeMode(str, Enum):
     """Where the sizes of undetected effects come from."""
 
@@ -628,6 +632,14 @@ class Cell:
         return known_surfaces(self.discs, self.tip_radius)
 
     @property
+    def undeclared_places(self) -> tuple[str, ...]:
+        """Names of the objects of whose place no uncertainty is stated: theirs, their plate's, or as an effect's."""
+        stated, plates = self.uncertainty.effects.stated, {p.name for p in self.plates if p.center_std}
+        known = {d.name for d in self.discs if d.center_std or d.plate in plates}
+        known |= {d.name for d in self.discs if {OBJECT_POSITION, f'{OBJECT_POSITION}[{d.name}]'} & stated.keys()}
+        return tuple(disc.name for disc in self.discs if disc.name not in known)
+
+    @property
     def surface_std(self) -> float:
         """Standard uncertainty of where the surface of a disc is, at most, m."""
         placed = max(disc.center_std + disc.radius_std for disc in self.discs)
@@ -747,10 +759,12 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
 """The three discs of figure 3."""
+MEASURED_DISCS = tuple(disc._replace(center_std=3e-6, radius_std=2e-6) for disc in PAPER_DISCS)
+"""The same, as known as by a coordinate measuring machine."""
 PAPER_CELL = Cell(
-    PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')
+    PAPER_NOMINAL, MEASURED_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')
 )
-"""The cell of the paper, with typical noise; its topics are in the namespace of the nodes."""
+"""The cell of the paper, with measured discs and typical noise; its topics are in the namespace of the nodes."""
 
 
 def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:

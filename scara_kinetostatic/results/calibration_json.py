@@ -87,6 +87,7 @@ def _tip_uncertainty(outcome: Outcome) -> Document:
         'worst_pose': pose,
         'undetermined': tip.undetermined,
         'between_touches': {'median': tip.median_touched, 'worst': tip.worst_touched},
+        **({'assumed': outcome.assumed} if outcome.assumed else {}),
     }
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
+import pytest
 
 from scara_kinetostatic.assessment.evidence import leverages
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
@@ -13,15 +15,28 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Region
+from scara_kinetostatic.model.cell import (
+    PAPER_CELL,
+    PAPER_DISCS,
+    Cell,
+    Disc,
+    EffectSizes,
+    Plate,
+    Region,
+    SizeMode,
+    Uncertainty,
+)
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, quantity
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 NOISE = PAPER_CELL.noise
+BARE = replace(PAPER_CELL, discs=PAPER_DISCS)
 PLAN = default_plan(PAPER_CELL, 8)
 
 
@@ -49,8 +64,8 @@ def test_a_good_result_is_fit_and_says_what_it_was_judged_without() -> None:
     assert [action.partition(',')[0] for action in found.actions] == [
         'state the accuracy that you need in the cell description'
     ]
-    assert 'declares no uncertainties' in found.reasons[-1]
-    assert found.reasons[-1].endswith('no tolerance')
+    assert found.reasons[-1] == 'the cell description declares no tolerance'
+    assert good().assumed is None
 
 
 def test_what_is_declared_is_not_missing() -> None:
@@ -58,6 +73,79 @@ def test_what_is_declared_is_not_missing() -> None:
     found = calibrate_touches(touch(), replace(PAPER_CELL, discs=discs, tolerance=1e-3)).assessment
     assert (found.grade, found.actions) == (Grade.FIT, ())
     assert 'declares' not in ' '.join(found.reasons)
+
+
+def test_undeclared_places_are_at_most_caution_and_what_was_assumed_comes_first() -> None:
+    found = calibrate_touches(touch(), BARE)
+    assumed = found.assumed
+    assert assumed and assumed.objects == 1e-5 and found.assessment.grade is Grade.CAUTION
+    now, then = (quantity(size, 'm') for size in (found.tip_uncertainty.worst, assumed.if_three_times))
+    first = 'the places of the objects are not declared: 10 µm are assumed; with three times as much the tip would be '
+    assert found.assessment.headline == f'caution: {first}known to {then} instead of {now}'
+    assert ' '.join(text_report(found).split()).startswith(f'To be used with caution: {first}')
+    assert first in ' '.join(html_text(found).split())
+    stated = as_document(found)['tip_uncertainty']['assumed']
+    assert stated == {'objects': 1e-5, 'if_three_times': assumed.if_three_times}
+    assert 'assumed' not in as_document(good())['tip_uncertainty']
+    tolerated = replace(found, calibration=replace(found.calibration, cell=replace(BARE, tolerance=1e-3)))
+    assert 'conformity shown for the assumed places of objects' in ' '.join(tolerated.assessment.reasons)
+
+
+def test_places_that_count_as_exact_are_said_too() -> None:
+    cell = replace(BARE, uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)))
+    found = calibrate_touches(touch(), cell)
+    assert found.assumed == (0.0, found.tip_uncertainty.worst)
+    assert found.assessment.headline.startswith(
+        'caution: the places of the objects are not declared and count as exact'
+    )
+
+
+@pytest.mark.parametrize(
+    ('change', 'undeclared'),
+    [
+        ({}, ('disc_1', 'disc_2', 'disc_3')),
+        ({'discs': (PAPER_CELL.discs[0], *PAPER_DISCS[1:])}, ('disc_2', 'disc_3')),
+        ({'discs': tuple(disc._replace(radius_std=1e-6) for disc in PAPER_DISCS)}, ('disc_1', 'disc_2', 'disc_3')),
+        (
+            {
+                'discs': (PAPER_DISCS[0], *(disc._replace(plate='a') for disc in PAPER_DISCS[1:])),
+                'plates': (Plate('a', 0.0, 0.3, 1e-5),),
+            },
+            ('disc_1',),
+        ),
+        ({'uncertainty': Uncertainty(effects=EffectSizes(stated={'object_position': 0.0}))}, ()),
+        (
+            {'uncertainty': Uncertainty(effects=EffectSizes(stated={'object_position[disc_2]': 1e-5}))},
+            ('disc_1', 'disc_3'),
+        ),
+    ],
+)
+def test_a_place_is_declared_by_the_object_its_plate_or_the_effect(change: Any, undeclared: tuple[str, ...]) -> None:
+    assert replace(BARE, **change).undeclared_places == undeclared
+
+
+def test_a_tip_known_less_than_by_the_data_sheet_is_not_fit() -> None:
+    uncertainty = Uncertainty(nominal=dict.fromkeys(PAPER_NOMINAL.names, 1e-7))
+    cell = replace(PAPER_CELL, nominal=PAPER_ACTUAL, uncertainty=uncertainty)
+    found = replace(good(), calibration=replace(good().calibration, cell=cell)).assessment
+    assert found.grade is Grade.CAUTION
+    assert 'only, by the nominal values, as declared, to ' in found.reasons[0]
+    near = replace(PAPER_CELL, nominal=good().calibration.parameters)
+    found = replace(good(), calibration=replace(good().calibration, cell=near)).assessment
+    assert found.reasons[0].endswith(
+        'only, and differs from that of the nominal arm by 0 µm at most: the touches tell less than the data sheet'
+    )
+    tolerated = replace(good(), calibration=replace(good().calibration, cell=replace(near, tolerance=1e-3)))
+    assert tolerated.assessment.grade is Grade.FIT
+
+
+def test_objects_of_unknown_place_tell_less_than_the_nominal_arm() -> None:
+    cell = replace(BARE, discs=tuple(disc._replace(center_std=2e-3) for disc in PAPER_DISCS))
+    touches = simulate_touches(BARE, PAPER_NOMINAL.replace(l1=0.3305, x0=4e-4), PLAN, NOISE, seed=3)
+    found = calibrate_touches(touches, cell)
+    assert found.tip_uncertainty.worst > 2e-3
+    assert found.assessment.grade is Grade.CAUTION
+    assert found.assessment.reasons[0].endswith('the touches tell less than the data sheet')
 
 
 def test_eight_touches_check_nothing() -> None:
@@ -126,11 +214,11 @@ def test_touches_rejected_in_a_row_are_beyond_chance() -> None:
 
 
 def test_a_leverage_is_what_a_touch_moves_its_own_prediction() -> None:
-    c = calibrate(touch(), PAPER_CELL)
+    c = calibrate(touch(), BARE)
     found = leverages(c)
     assert found.shape == (48,)
     assert np.all((found > 0) & (found < 1))
-    declared = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1e-9) for disc in PAPER_CELL.discs))
+    declared = replace(BARE, discs=tuple(disc._replace(center_std=1e-9) for disc in BARE.discs))
     np.testing.assert_allclose(leverages(calibrate(touch(), declared)), found, rtol=1e-3)
 
 

@@ -19,12 +19,12 @@ from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import PAPER_CELL as PAPER
-from scara_kinetostatic.model.cell import EffectSizes, SizeMode, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_DISCS, EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.results.report import numbers, text_report
 
-PAPER_CELL = replace(PAPER, uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)))
+PAPER_CELL = replace(PAPER, discs=PAPER_DISCS, uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)))
 CELL = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1.5e-5) for disc in PAPER_CELL.discs))
 
 

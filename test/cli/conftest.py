@@ -18,9 +18,9 @@ robot:
   nominal: {x0: 0, y0: 0, theta1: 0, l1: 0.33, theta2: 0, l2: 0.33,
             p_ee: 1e-5, p1: 1e-5, p2: 1e-5, g_ee: 0, g1: 0, g2: 0}
 objects:
-  - {name: disc_1, center: [-0.25, 0.30], radius: 0.15}
-  - {name: disc_2, center: [0.20, 0.40], radius: 0.05}
-  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}
+  - {name: disc_1, center: [-0.25, 0.30], radius: 0.15, uncertainty: {center: 3.0e-6, radius: 2.0e-6}}
+  - {name: disc_2, center: [0.20, 0.40], radius: 0.05, uncertainty: {center: 3.0e-6, radius: 2.0e-6}}
+  - {name: disc_3, center: [0.05, 0.25], radius: 0.08, uncertainty: {center: 3.0e-6, radius: 2.0e-6}}
 sensor: {joint_states: /joint_states, wrench: /wrench, frame: base, sign: on_object}
 noise: {joint: 1.0e-5, force: 0.3}
 """

@@ -19,10 +19,11 @@ _LAYOUT_EFFORT = ['--accuracy', '1.1e-5', '--per-disc', '9', '--levels', '10', '
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    """Of the paper's cell without its noise."""
+    """Of the paper's cell without its noise and what is declared of its discs."""
     where = tmp_path_factory.mktemp('design')
     described = yaml.safe_load((ROOT / 'config' / 'cell.yaml').read_text())
     kept = {k: v for k, v in described.items() if k not in ('noise', 'region')}
+    kept['objects'] = [{k: v for k, v in each.items() if k != 'uncertainty'} for each in kept['objects']]
     (where / 'cell.yaml').write_text(yaml.safe_dump(kept))
     assert main(['design', '--cell', str(where / 'cell.yaml'), *_LAYOUT_EFFORT, '--out', str(where / 'out')]) == 0
     return where / 'out'

@@ -10,12 +10,12 @@ import numpy as np
 from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import simulate
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Cell, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
-CELL = PAPER_CELL
+CELL = replace(PAPER_CELL, discs=PAPER_DISCS)
 DECLARED = replace(
     CELL,
     discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in CELL.discs),

@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.cell import MEASURED_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.motion import Timing
 from scara_kinetostatic.simulation.mujoco.engine import scene_named
 from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, preload_plan
 from scara_kinetostatic.simulation.plan import Plan
 
-CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+CELL = Cell(nominal=PAPER_NOMINAL, discs=MEASURED_DISCS, noise=Noise(joint=1e-5, force=0.3))
 BRISK = Timing(travel=0.2, pause=0.02, approach=0.1, hold=0.15, release=0.05, retract=0.05, speed=6.0)
 
 

@@ -20,9 +20,9 @@ from scara_kinetostatic.model.parameters import NAMES
 
 TOUCHES = {'engine_f': 36}
 USUAL_TOUCHES = 84
-WITHOUT_EFFECT, FRICTION, WITHOUT_CELL, RIVALS = 'engine_a', 'engine_b', 'engine_c', 'engine_e'
-NAMED = ('engine_b', 'engine_c', 'engine_d', 'engine_f')
-ALL = pytest.mark.parametrize('name', [WITHOUT_EFFECT, *NAMED, RIVALS])
+WITHOUT_EFFECT, FRICTION, WITHOUT_CELL, RIVALS = 'engine_a', 'engine_b', 'engine_c', ('engine_e', 'engine_f')
+NAMED = ('engine_b', 'engine_c', 'engine_d')
+ALL = pytest.mark.parametrize('name', [WITHOUT_EFFECT, *NAMED, *RIVALS])
 
 
 @cache
@@ -85,22 +85,27 @@ def test_the_effect_is_named_and_the_base_parameters_are_right(name):
         assert off_normal.value + 4 * off_normal.std < built_effect(name)[1]['coefficient']
 
 
-def test_the_displaced_disc_is_named_alone_or_beside_rivals():
-    """Another disc displaced the other way and smaller explains these touches, too, at odds that do not rule it out."""
-    outcome, label = outcome_of(RIVALS), built_effect(RIVALS)[0]
+@pytest.mark.parametrize('name', RIVALS)
+def test_what_has_rivals_is_named_alone_or_beside_them(name):
+    """Another disc displaced the other way and smaller explains the touches of one recording, too, friction those of
+    the other, at odds that do not rule it out.
+    """
+    outcome, label = outcome_of(name), built_effect(name)[0]
     assert outcome.diagnosis.p_value < 1e-6
     assert outcome.verdict in ('explained', 'ambiguous')
     labels = {item.effect.label for item in outcome.diagnosis.found}
     assert label in labels
     assert labels == {label, *(one for group in outcome.diagnosis.rivals for one in group)}
-    assert largest_deviation(outcome, RIVALS) < 4
+    assert largest_deviation(outcome, name) < 4
 
 
-@pytest.mark.parametrize('name', ['engine_c', 'engine_d', 'engine_f', RIVALS])
+@pytest.mark.parametrize('name', ['engine_c', 'engine_d', *RIVALS])
 def test_its_values_are_those_built_and_touches_not_used_are_predicted(name):
     outcome, built = outcome_of(name), built_effect(name)[1]
     for value in found_effect(outcome, name).values:
         assert abs(value.value - built.get(value.name, 0.0)) < 4 * value.std  # what is expected of p_ee has an alias
     clean = outcome_of(WITHOUT_EFFECT).held_out.force_error
-    assert outcome.held_out.force_error > 2 * clean
+    assert (
+        outcome.comparison.base.reduced_chi_square > 3
+    )  # errors of discs beyond what is declared lower the force error
     assert outcome.extended_held_out.force_error < 1.15 * clean

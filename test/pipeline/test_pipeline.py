@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.cell import MEASURED_DISCS, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
@@ -89,7 +89,7 @@ def touches() -> TouchSet:
 
 @pytest.mark.parametrize('factor', [0.1, 10.0])
 def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(touches, factor):
-    outcome = calibrate_touches(touches, replace(CELL, noise=Noise(1e-5 * factor, 0.3 * factor)))
+    outcome = calibrate_touches(touches, replace(CELL, discs=MEASURED_DISCS, noise=Noise(1e-5 * factor, 0.3 * factor)))
     assert 'times the stated noise' in outcome.assessment.reasons[0]
     assert outcome.assessment.actions == ('leave the noise out of the cell description to have it estimated',)
 

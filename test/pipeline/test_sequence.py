@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration.studies import CELL
+from calibration.studies import CELL as BARE
 
 from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.model.cell import MEASURED_DISCS
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings, gather_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import Detection, Episode, no_touches, order_in_time
 
+CELL = replace(BARE, discs=MEASURED_DISCS)
 LATER = replace(PAPER_ACTUAL, x0=PAPER_ACTUAL.x0 + 1.5e-4)
 
 

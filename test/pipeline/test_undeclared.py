@@ -24,7 +24,9 @@ def test_the_base_parameters_are_right_with_the_effect(name):
     assert outcome.final.used.sum() >= 107
     assert outcome.diagnosis.p_value < 1e-6
     assert np.abs((outcome.final.parameters.as_array() - truth) / outcome.final.std).max() < 4
-    assert outcome.extended_held_out.force_error < 0.7 * outcome.held_out.force_error
+    assert outcome.extended_held_out.force_error < outcome.held_out.force_error
+    found = outcome.comparison  # errors of the discs beyond their declared size may lower the force error
+    assert found.extended.reduced_chi_square < 0.7 * found.base.reduced_chi_square
 
 
 @pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_b'])

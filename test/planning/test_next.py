@@ -17,7 +17,7 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Noise, Region
+from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Lift, Noise, Region
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -34,6 +34,7 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 CELL = replace(
     PAPER_CELL,
+    discs=PAPER_DISCS,
     limits=((-2.6, 2.6), (-2.6, 2.6)),
     obstacles=(((0.30, 0.10), (0.50, 0.10), (0.50, 0.30)),),
     region=Region(-0.35, 0.35, 0.2, 0.55),

@@ -1,0 +1,109 @@
+"""What a result rests on that no touch shows: places of objects that nobody has declared; the nominal arm.
+
+A displacement common to all objects is one of the base: no touch tells it from x0 and y0, so that these are as
+uncertain as was declared or, where nothing was, as was assumed (`effects.undetected.TYPICAL`).
+
+With C the covariance of all values, P the prior covariance of some of them, C_g the columns of these, and f the factors
+by which their prior standard deviations are to be larger, the precision of the prior falls from P⁻¹ to P⁻¹/f². By
+Woodbury's identity
+
+    C' = C + C_g (P / (1 - 1/f²) - C_gg)⁻¹ C_gᵀ.
+
+What the touches determine stays; where they show nothing, C_gg = P, the standard deviation grows by f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.result import Calibration, of_full_model
+from scara_kinetostatic.calibration.tip_uncertainty import (
+    COVERAGE_FACTOR,
+    Poses,
+    WorstPose,
+    tip_covariance,
+    tip_derivative,
+    tip_uncertainty,
+)
+from scara_kinetostatic.effects.undetected import CLASSES, TYPICAL
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import OBJECT_POSITION, SizeMode
+
+TIMES = 3.0
+"""By how much larger than assumed the errors are in what is said beside it: a convention, half an order of magnitude.
+"""
+_PLACES = OBJECT_POSITION, 'plate_position'
+
+
+class Assumed(NamedTuple):
+    """What was assumed of the places of objects that are not declared.
+
+    Attributes:
+        objects: standard uncertainty of each coordinate, m; 0 where they count as exact.
+        if_three_times: the largest expanded uncertainty of the tip if it were three times as large, m.
+    """
+
+    objects: float
+    if_three_times: float
+
+
+def assumed_places(c: Calibration) -> Assumed | None:
+    """What was assumed of undeclared places; None where all are declared."""
+    effects, (size, _) = c.cell.uncertainty.effects, TYPICAL[OBJECT_POSITION]
+    if not c.cell.undeclared_places:
+        return None
+    assert isinstance(size, float)
+    size *= 0.0 if effects.sizes is SizeMode.NONE else CLASSES[effects.arm]
+    covariance = c.covariance + _more(c, TIMES * size)
+    return Assumed(size, tip_uncertainty(replace(c, covariance=covariance)).worst)
+
+
+def _more(c: Calibration, size: float) -> Floats:
+    """What is added to the covariance of `full_model` where errors of undeclared places have a size, m, beforehand;
+    those that have been found to be as large stay.
+    """
+    at, prior, sizes = _undeclared(c)
+    smaller = sizes < size
+    at, prior, sizes = at[smaller], prior[smaller], sizes[smaller]
+    (kept, scale), everything = of_full_model(c), c.covariance_with_errors / c.enlargement
+    left, own = scale[:, None] * everything[np.ix_(kept, at)] / prior, everything[np.ix_(at, at)]
+    values, vectors = np.linalg.eigh(own / np.outer(prior, prior))
+    own = vectors * np.minimum(values, 1.0) @ vectors.T  # the scatter of rivals may exceed the prior
+    weight = np.diag(1 / (1 - (sizes / size) ** 2)) - own
+    return np.asarray(c.enlargement * left @ np.linalg.solve(weight, left.T))
+
+
+def _undeclared(c: Calibration) -> tuple[Indices, Floats, Floats]:
+    """Errors of undeclared places, named or not: where they are in `covariance_with_errors`, their prior standard
+    deviations in its units, and in m, (g,) each.
+    """
+    found = list[tuple[int, float, float]]()
+    if c.known is not None:
+        named = zip(c.known.trusted.tolist(), c.known.std.tolist(), strict=True)
+        labels = tuple(f'{name}[' for name in _PLACES)
+        found += [(k, std, std) for k, std in named if c.model.names[k].startswith(labels)]
+    if c.random is not None:
+        first, columns = len(c.model.names) + len(c.errors), enumerate(c.random.columns)
+        some = [k for k, e in columns if e.effect.name in _PLACES and np.isnan(c.random.stated_size(e))]
+        found += [(first + k, 1.0, float(c.random.size[k])) for k in some]
+    at, prior, size = np.array(found).reshape(-1, 3).T
+    return at.astype(np.intp), prior, size
+
+
+def nominal_uncertainty(c: Calibration, at: WorstPose) -> float:
+    """How far off the tip of the nominal arm may be, m: the most at the touches, and where the calibrated one is known
+    least.
+
+    By declared nominal values it is the expanded uncertainty (k = 2) that these alone give; by others it is how far the
+    calibration has moved the tip.
+    """
+    touches, names, declared = c.touches.select(c.used), c.parameters.names, c.cell.uncertainty.nominal
+    joints, force = np.vstack([touches.joints, at.joints]), np.vstack([c.force[c.used], at.force])
+    derivative = tip_derivative(c, Poses(joints, np.append(touches.posture, at.posture), force))[..., : len(names)]
+    std = np.array([declared.get(name, 0.0) for name in names])
+    moved = derivative @ np.where(std > 0, 0.0, c.parameters.as_array() - c.cell.nominal.as_array())
+    variance = np.linalg.eigvalsh(tip_covariance(derivative, np.diag(std**2)))[:, -1]
+    return float(np.sqrt(COVERAGE_FACTOR**2 * variance + (moved**2).sum(axis=-1)).max())
