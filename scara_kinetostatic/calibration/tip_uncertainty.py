@@ -36,7 +36,6 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.special import ndtr
 
-from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, VALUE
 from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -345,14 +344,12 @@ def _mixture_radius(c: Calibration, derivative: Floats) -> Floats:
         c: the calibration, at the mean of its alternatives.
         derivative: of the tip by the values of the model at n poses, (n, 2, 12 + k).
     """
-    (kept, sizes), others = of_full_model(c), (LARGE_EFFECT, VALUE)
-    more = sum(part.covariance for part in c.contributions if part.label.startswith(others))
-    means = np.stack([derivative @ (sizes * item.change[kept]) for item in c.alternatives], axis=1)
-    covariances = [
-        tip_covariance(derivative, sizes[:, None] * item.covariance[np.ix_(kept, kept)] * sizes + more)
-        for item in c.alternatives
-    ]
-    return radius(np.array([item.probability for item in c.alternatives]), means, np.stack(covariances, axis=1))
+    (kept, sizes), weight = of_full_model(c), np.array([item.probability for item in c.alternatives])
+    off = np.array([sizes * item.change[kept] for item in c.alternatives])
+    own = np.array([sizes[:, None] * item.covariance[np.ix_(kept, kept)] * sizes for item in c.alternatives])
+    more = c.covariance - np.tensordot(weight, own, 1) - off.T @ (weight[:, None] * off)  # what all have in common
+    means = np.moveaxis(derivative @ off.T, -1, 1)
+    return radius(weight, means, np.stack([tip_covariance(derivative, one + more) for one in own], axis=1))
 
 
 def radius(probabilities: Floats, means: Floats, covariances: Floats) -> Floats:
