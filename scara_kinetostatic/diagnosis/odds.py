@@ -287,7 +287,7 @@ class _Scan:
         m, k = sets.shape
         shares = self.log_share[sets].sum(axis=1)
         logs = np.full((m, len(self.states), len(SIZES) ** k), -np.inf)
-        grid = sum(np.meshgrid(*(self.log_size,) * k, indexing='ij')).ravel() if k else np.zeros(1)
+        grid = np.sum(np.meshgrid(*(self.log_size,) * k, indexing='ij'), axis=0).ravel()
         width = self.widths[sets].max(axis=1, initial=0)
         for w in np.unique(width).tolist():
             at = np.flatnonzero(width == w)

@@ -101,7 +101,7 @@ class Weighed(NamedTuple):
         large effects (`mixed_model.with_large_effects`).
         """
         b, c, sets = len(self.linear.of_residual), len(self.linear.is_declared), dict[Labels, float]()
-        known, parts = np.isfinite(self.lift).all(axis=0), dict[Labels, list[Part]]()
+        known, parts = np.asarray(np.isfinite(self.lift).all(axis=0)), dict[Labels, list[Part]]()
         has_none = frozenset() in self.odds.probabilities
         for labels, probability in self.odds.probabilities.items():
             stated = [
@@ -159,8 +159,8 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
             of_gross[:, at] = 0.0
             of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
             # as wide as the one form that it is of those that undetected effects have
-            forms = {tuple(values) for values in item.effect.forms(problem.touch_state)}
-            named.append((at, 1 / max(len(forms), 1) ** 0.5))
+            number = len({tuple(values) for values in item.effect.forms(problem.touch_state)})
+            named.append((at, 1 / max(number, 1) ** 0.5))
         elif len(own_random):
             beside = by_errors[:, own_random - size]
             found = np.linalg.lstsq(beside, gross[:, at], rcond=1e-6)[0]

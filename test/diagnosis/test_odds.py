@@ -102,7 +102,7 @@ def test_values_by_a_set_are_those_of_the_penalised_least_squares():
 
 @pytest.mark.parametrize('given', [True, False])
 def test_what_is_stated_is_true_as_often(given):
-    """Sizes and numbers drawn from the priors: of inclusions above 95 % nine tenths are true at least, no false alarm."""
+    """Sizes and numbers from the priors: of inclusions above 95 % nine tenths are true at least, no false alarm."""
     rng = np.random.default_rng(11)
     stated, true, alarms = 0, 0, 0
     for _ in range(60):
