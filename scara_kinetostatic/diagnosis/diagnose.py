@@ -27,6 +27,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     fitted_effects,
 )
 from scara_kinetostatic.diagnosis.mixed_model import (
+    HEAVY_TAILS,
     averaged,
     fit_mixed,
     with_large_effects,
@@ -36,7 +37,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
-from scara_kinetostatic.diagnosis.search import FOUND, LEAST, POSSIBLE, Moment, Search, likeliest, moments, naming
+from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Moment, Search, likeliest, moments, naming
 from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
@@ -153,15 +154,15 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     probability of at most p where nothing is missing; or, where the noise is stated, of the chi-square of the mixed
     model.
     """
-    plain = weigh(fit_mixed(c, known), known)
+    plain = weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
     off_normal, implausible = off_normal_p_value(c), '; '.join(advice.implausible_noise(c) or ())
     is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
     if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
-        return _without_effects(c, plain), plain.deviance
+        return _without_effects(c, plain, known), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
         if _chi_square_p_value(found.fit) >= STRICT_SIGNIFICANCE and not implausible:
-            return _without_effects(c, plain), plain.deviance
+            return _without_effects(c, plain, known), plain.deviance
     elif found.angles or found.named:
         return _with_extended_model(c, found, known), found.deviance
     weighed, dependences = found.weighed, find_dependences(c)
@@ -182,10 +183,14 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     ), found.deviance
 
 
-def _without_effects(c: Calibration, plain: Weighed) -> Diagnosis:
+def _without_effects(c: Calibration, plain: Weighed, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis where nothing is shown to be missing."""
-    found, fit = Search(plain, c), plain.model.fit
-    refitted = _averaged(plain, fit) if fit.random is not None else None
+    found, model = Search(plain, c), fit_mixed(c, known)
+    fit = model.fit
+    if plain.is_mixture:
+        refitted: Calibration | None = _averaged(weigh(model, known), fit)
+    else:
+        refitted = with_large_effects(fit, model) if fit.random is not None else None
     is_small = c.noise_source == 'given' and c.p_value < SIGNIFICANCE
     p_value = _p_value(found)
     return Diagnosis(
@@ -203,7 +208,7 @@ def _without_effects(c: Calibration, plain: Weighed) -> Diagnosis:
 
 def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
     """The mean over the sets of effects, and what large effects that are not seen may change."""
-    return with_large_effects(averaged(fit, weighed.alternatives(LEAST)), weighed.model)
+    return with_large_effects(averaged(fit, weighed.alternatives()), weighed.model)
 
 
 def _chi_square_p_value(fit: Calibration) -> float:
@@ -229,10 +234,13 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
     if not found.is_explained:
         wanted = [*wanted, *named]
     # a wave without an amplitude has no phase: rivals like it stay among what is not named, where they are linear
-    is_wave = {item.effect.label: bool(item.effect.grid_parameter) for item in found.weighed.candidates.candidates}
-    wanted = [label for label in dict.fromkeys(wanted) if label in named or not is_wave[label]][:_MOST_NAMED]
-    if set(wanted) != set(named):
-        found = naming(found, known, wanted)
+    has_phase = {
+        item.effect.label
+        for item in found.weighed.candidates.candidates
+        if np.sum(item.effect.amplitudes(np.ones(len(item.effect.parameters))) == 0) > bool(item.effect.grid_parameter)
+    }
+    wanted = [x for x in dict.fromkeys(wanted) if x in named or x not in has_phase][:_MOST_NAMED]
+    found = naming(found, known, wanted)
     when = moments(found.fit)
     included = found.inclusion
     # in the union of rivals one may stand for the other at any place; each by itself has its own

@@ -23,6 +23,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
+    CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
     STRICT_SIGNIFICANCE,
@@ -31,11 +32,11 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import MixedModel, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
-from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
+from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, weigh
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
@@ -48,9 +49,6 @@ POSSIBLE = 0.05
 """Probability of "no effect" below which the touches show that something is missing; part of the likeliest set's
 probability from which on another one is its rival.
 """
-LEAST = 1e-3
-"""Probability below which a set of effects does not count."""
-_MOST_NAMED = 5
 _PEAKS = 8
 """Places of a grid about which a moment, a frequency or a friction is compared at least."""
 _UNLIKELY = 1e-3
@@ -150,18 +148,22 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         known: the catalogue.
         plain: the sets weighed at the mixed model without names, where they are known.
     """
-    weighed = plain or weigh(fit_mixed(c, known), known)
+    weighed = plain or weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
     names, excluded = set[tuple[str, float]](), frozenset[str]()
     for _ in range(6):  # most searches end after one or two rounds
-        members = weighed.likeliest(excluded, POSSIBLE)
+        members = weighed.likeliest(excluded)
         wanted = {_name(member) for member in members}
         if wanted == names or not members:
             break
         fitted = _fit_named(c, known, weighed.problem, members)
+        if fitted is None and len(members) > 1:  # far from the truth a set may be likely that has no fit
+            members = weighed.likeliest_of(members)
+            wanted = {_name(member) for member in members}
+            fitted = None if wanted == names else _fit_named(c, known, weighed.problem, members)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
             alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
             if alone is not None and len(alone.touches) == len(c.touches):
-                fitted = _fit(replace(c, used=alone.used), known, alone.model)
+                fitted = _fit(replace(c, used=alone.used), known, alone.model, freedoms=HEAVY_TAILS)
         if fitted is None:
             has_curve = not all(member.effect.is_physical for member in members)
             excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
@@ -174,14 +176,18 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
 
 
 def _fit(
-    c: Calibration, known: Sequence[Effect], start: ExtendedModel, begin: MixedModel | None = None
+    c: Calibration,
+    known: Sequence[Effect],
+    start: ExtendedModel,
+    begin: MixedModel | None = None,
+    freedoms: float = LIGHT_TAILS,
 ) -> MixedModel | None:
     """The mixed model with effects named, None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
     curve must predict touches that it was not fitted to, as well as the base model does.
     """
     try:
-        model = fit_mixed(c, known, start, begin=begin)
+        model = fit_mixed(c, known, start, freedoms=freedoms, begin=begin)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
     fit = model.fit
@@ -204,7 +210,7 @@ def _fit_named(
     are not linear, at a quarter of the way.
     """
     starts = (start_from(problem, members, others, step) for step in (1.0, 0.25))
-    return next(filter(None, (_fit(c, known, start) for start in starts)), None)
+    return next(filter(None, (_fit(c, known, start, freedoms=HEAVY_TAILS) for start in starts)), None)
 
 
 def _name(member: Candidate) -> tuple[str, float]:
@@ -252,7 +258,9 @@ def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_norma
     if not c.used.all() and not found[0].fit.used.all():
         every = replace(c, used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
-            found.append(identify(every, known, weigh(fit_mixed(every, known, keeps_touches=True), known)))
+            found.append(
+                identify(every, known, weigh(fit_mixed(every, known, keeps_touches=True, freedoms=HEAVY_TAILS), known))
+            )
     if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
@@ -275,7 +283,7 @@ def _likeliest(found: Sequence[Search]) -> Search:
 
 
 def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Search:
-    """A search with the fit of other effects; as it is where there is none.
+    """A search with the fit of some effects, all others small; as it is where there is none.
 
     Args:
         found: the search.
@@ -284,13 +292,18 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
     """
     model, base = found.fit.model, replace(found.base, used=found.fit.used)
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
+    is_same = {effect.label for effect in found.named} == set(labels)
     for label in labels:  # rivals together would start at large values of opposite sign: at zero
         if label not in pairs:
             item = found.weighed.single(label)
             pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
     effects, values = zip(*(pairs[label] for label in labels), strict=True) if labels else ((), ())
-    fitted = _fit(base, known, ExtendedModel(model.parameters, effects, values))
-    return found if fitted is None else found._replace(weighed=weigh(fitted, known))
+    begin = found.weighed.model if is_same else None
+    fitted = _fit(base, known, ExtendedModel(model.parameters, effects, values), begin)
+    # where steps across a kink have led it away, the fit that it began at is better
+    if fitted is None or (is_same and fitted.deviance > found.weighed.model.deviance + CREDIBLE):
+        return found
+    return found._replace(weighed=weigh(fitted, known))
 
 
 def _is_robot(fit: Calibration) -> bool:

@@ -38,8 +38,10 @@ _CURVE = 2e-6
 """Typical size of a curve, rad or m."""
 _SPECIAL = 0.02
 """Prior of an effect that contains another one of the catalogue, in that of the others."""
-_LACKING = 0.1
-"""Part of a gross column that the small columns of its effect may lack for its values to be stated."""
+
+
+LEAST = 1e-3
+"""Probability below which a set of effects does not count."""
 
 
 class Weighed(NamedTuple):
@@ -69,16 +71,15 @@ class Weighed(NamedTuple):
         """-2 log likelihood of the touches, with all sets."""
         return -2 * self.odds.log_evidence + self.model.rejected
 
-    def likeliest(self, excluded: frozenset[str] = frozenset(), least: float = 0.0) -> list[Candidate]:
-        """The effects of the likeliest set in their likeliest forms, without some labels; empty where the sets that
-        remain have a probability below `least`.
-        """
-        for labels, probability in self.odds.probabilities.items():
-            if probability < least:
-                break
-            if not excluded & labels:
-                return [self.candidates.candidates[k] for k in self.odds.parts[labels][0].forms]
-        return []
+    def likeliest(self, excluded: frozenset[str]) -> list[Candidate]:
+        """The effects of the likeliest set without some labels, in their likeliest forms."""
+        labels = next((x for x in self.odds.probabilities if not excluded & x), frozenset[str]())
+        return [self.candidates.candidates[k] for k in self.odds.parts[labels][0].forms]
+
+    def likeliest_of(self, members: Sequence[Candidate]) -> list[Candidate]:
+        """That of some effects which is the likeliest alone."""
+        labels = (item.effect.label if item.effect.is_physical else UNNAMED for item in members)
+        return [self.single(max(labels, key=lambda label: self.odds.bayes_factors[label]))]
 
     def single(self, label: str) -> Candidate:
         """An effect in its likeliest form."""
@@ -94,27 +95,33 @@ class Weighed(NamedTuple):
             found.append(Ranked(candidate.effect, role, *tested, gain, candidate.independent_part))
         return (*found, *self.candidates.unidentifiable)
 
-    def alternatives(self, least: float) -> tuple[Alternative, ...]:
-        """The values by each set with a probability of at least `least` of which they can be stated.
-
-        An effect that is not seen, as its Bayes factor alone is small, counts as none: what it may change is that of
-        large effects (`mixed_model.with_large_effects`).
+    @property
+    def _sets(self) -> dict[Labels, float]:
+        """The sets by what the touches show: an effect that is not seen, as its Bayes factor alone is small, counts as
+        none; what it may change is that of large effects (`mixed_model.with_large_effects`).
         """
-        b, c, sets = len(self.linear.of_residual), len(self.linear.is_declared), dict[Labels, float]()
-        known, parts = np.asarray(np.isfinite(self.lift).all(axis=0)), dict[Labels, list[Part]]()
-        has_none = frozenset() in self.odds.probabilities
+        sets, has_none = dict[Labels, float](), frozenset() in self.odds.probabilities
         for labels, probability in self.odds.probabilities.items():
-            stated = [
-                part
-                for part in self.odds.parts[labels]
-                if all(known[b + c + self.forms[k].columns].all() for k in part.forms)
-            ]
-            if has_none and len(labels) == 1 and self.odds.bayes_factors[next(iter(labels))] < np.log(NEEDED):
-                sets[frozenset()] = sets.get(frozenset(), 0.0) + probability
-            elif stated:
-                sets[labels] = sets.get(labels, 0.0) + probability
-                parts[labels] = stated
-        sets = {labels: probability for labels, probability in sets.items() if probability >= least}
+            is_seen = len(labels) != 1 or self.odds.bayes_factors[next(iter(labels))] >= np.log(NEEDED)
+            kept = labels if is_seen or not has_none else frozenset()
+            sets[kept] = sets.get(kept, 0.0) + probability
+        return {labels: probability for labels, probability in sets.items() if probability >= LEAST}
+
+    @property
+    def is_mixture(self) -> bool:
+        """Whether several sets count."""
+        return len(self._sets) > 1
+
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """The values by each set with a probability of at least `LEAST` of which they can be stated; none of one."""
+        b, c = len(self.linear.of_residual), len(self.linear.is_declared)
+        known, parts = np.asarray(np.isfinite(self.lift).all(axis=0)), dict[Labels, list[Part]]()
+        for labels in self._sets:
+            every = (
+                (x, [known[b + c + self.forms[k].columns].all() for k in x.forms]) for x in self.odds.parts[labels]
+            )
+            parts[labels] = [part for part, is_known in every if all(is_known)]
+        sets = {labels: probability for labels, probability in self._sets.items() if parts[labels]}
         if len(sets) < 2:
             return ()
         fit, odds = self.model.fit, self.odds._replace(parts=parts, probabilities=sets)
@@ -162,13 +169,9 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
             number = len({tuple(values) for values in item.effect.forms(problem.touch_state)})
             named.append((at, 1 / max(number, 1) ** 0.5))
         elif len(own_random):
-            beside = by_errors[:, own_random - size]
-            found = np.linalg.lstsq(beside, gross[:, at], rcond=1e-6)[0]
-            if (
-                np.linalg.norm(gross[:, at] - beside @ found, axis=0) <= _LACKING * np.linalg.norm(gross[:, at], axis=0)
-            ).all():
-                of_gross[:, at] = 0.0
-                of_gross[np.ix_(own_random, at)] = found
+            of_gross[:, at] = 0.0
+            found = np.linalg.lstsq(by_errors[:, own_random - size], gross[:, at], rcond=1e-6)[0]
+            of_gross[np.ix_(own_random, at)] = found
     mine = np.concatenate([*(at for at, _ in named), []]).astype(np.intp)
     less = np.concatenate([*(np.full(len(at), part) for at, part in named), []])
     by_small = np.concatenate([np.ones(m), model.typical])
