@@ -158,11 +158,11 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     off_normal, implausible = off_normal_p_value(c), '; '.join(advice.implausible_noise(c) or ())
     is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
     if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
-        return _without_effects(c, plain, known), plain.deviance
+        return _without_effects(c, Search(plain, c), known), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
         if _chi_square_p_value(found.fit) >= STRICT_SIGNIFICANCE and not implausible:
-            return _without_effects(c, plain, known), plain.deviance
+            return _without_effects(c, found, known), found.deviance
     elif found.angles or found.named:
         return _with_extended_model(c, found, known), found.deviance
     weighed, dependences = found.weighed, find_dependences(c)
@@ -183,11 +183,11 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     ), found.deviance
 
 
-def _without_effects(c: Calibration, plain: Weighed, known: tuple[Effect, ...]) -> Diagnosis:
+def _without_effects(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis where nothing is shown to be missing."""
-    found, model = Search(plain, c), fit_mixed(c, known)
+    model = fit_mixed(c, known)
     fit = model.fit
-    if plain.is_mixture:
+    if found.weighed.is_mixture:
         refitted: Calibration | None = _averaged(weigh(model, known), fit)
     else:
         refitted = with_large_effects(fit, model) if fit.random is not None else None
@@ -197,7 +197,7 @@ def _without_effects(c: Calibration, plain: Weighed, known: tuple[Effect, ...]) 
         'none',
         p_value,
         remaining_p_value=p_value,
-        ranking=plain.ranking({}),
+        ranking=found.weighed.ranking({}),
         refitted=refitted,
         probabilities=found.probabilities,
         inclusion=found.inclusion,

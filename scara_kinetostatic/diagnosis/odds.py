@@ -434,12 +434,12 @@ def components(p: LinearProblem, forms: Sequence[Form], odds: Odds, lift: Floats
         means, second = list[Floats](), np.zeros((len(lift),) * 2)
         for weight, part in zip(weights.tolist(), parts, strict=True):
             columns = [c + forms[k].columns for k in part.forms]
-            live = np.concatenate([np.arange(c), *columns]).astype(np.intp)
+            acting = np.concatenate([np.arange(c), *columns]).astype(np.intp)
             sizes = [np.full(len(one), size) for one, size in zip(columns, part.sizes, strict=True)]
             width = np.concatenate([odds.states[part.state].widths, *sizes])
-            factor = np.linalg.cholesky(np.eye(len(live)) + width[:, None] * p.gram[np.ix_(live, live)] * width)
-            rows = (lift[:, b + live] - by_base @ p.of_columns[:, live]) * width
-            half = linalg.solve_triangular(factor, np.column_stack([rows.T, width * p.projected[live]]), lower=True)
+            factor = np.linalg.cholesky(np.eye(len(acting)) + width[:, None] * p.gram[np.ix_(acting, acting)] * width)
+            rows = (lift[:, b + acting] - by_base @ p.of_columns[:, acting]) * width
+            half = linalg.solve_triangular(factor, np.column_stack([rows.T, width * p.projected[acting]]), lower=True)
             rows, y = half[:, :-1].T, half[:, -1]
             noise = 1.0 if p.noise_given else (p.square - float(y @ y)) / p.freedoms
             means.append(-rows @ y - of_base)

@@ -32,7 +32,7 @@ from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import ArmClass
+from scara_kinetostatic.model.cell import ArmClass, SizeMode
 
 _CURVE = 2e-6
 """Typical size of a curve, rad or m."""
@@ -167,7 +167,8 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
             of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
             # as wide as the one form that it is of those that undetected effects have
             number = len({tuple(values) for values in item.effect.forms(problem.touch_state)})
-            named.append((at, 1 / max(number, 1) ** 0.5))
+            if c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED:
+                named.append((at, 1 / max(number, 1) ** 0.5))
         elif len(own_random):
             of_gross[:, at] = 0.0
             found = np.linalg.lstsq(by_errors[:, own_random - size], gross[:, at], rcond=1e-6)[0]

@@ -20,6 +20,7 @@ from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
 from scara_kinetostatic.diagnosis.restricted_likelihood import large_sizes, posterior, scatter, size_prior
+from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arm import Predictor
@@ -297,17 +298,18 @@ def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
     displaced = [find(cell, f'object_position[{name}]') for name in ('disc_1', 'disc_2')]
     robot = ExtendedModel(PAPER_ACTUAL, tuple(displaced[:1]), ((5e-5, -3e-5),))
     c = calibrate(simulate_touches(cell, robot, default_plan(cell, 12, preload=0.3), cell.noise, 4), cell)
-    union, *rivals = (
-        fit_mixed(c, catalogue(cell), ExtendedModel(c.parameters, tuple(named), ((0.0, 0.0),) * len(named)))
-        for named in (displaced, displaced[:1], displaced[1:])
-    )
-    values = [rival.fit.parameters.as_array() for rival in rivals]
-    found = averaged(union.fit, [rival.fit for rival in rivals])
-    np.testing.assert_allclose(found.parameters.as_array(), 0.5 * (values[0] + values[1]), rtol=0, atol=1e-12)
-    assert np.abs((values[0] - values[1]) / union.fit.std).max() > 1  # they do not agree
-    assert found.force_error < 1.15 * max(rival.fit.force_error for rival in rivals)
-    assert (np.abs(np.array(values) - found.parameters.as_array()) < 2.5 * found.std).all()
-    assert averaged(union.fit, [rivals[0].fit]) is union.fit
-    general = averaged(rivals[0].fit, [rivals[0].fit], [rivals[1].fit], [0.5])
-    assert general.model == rivals[0].fit.model, 'what is more general and less likely counts in the scatter alone'
-    assert (general.std >= rivals[0].fit.std).all() and (general.effect_std > rivals[0].fit.effect_std).any()
+    model = fit_mixed(c, catalogue(cell), ExtendedModel(c.parameters, tuple(displaced), ((0.0, 0.0),) * 2))
+    union, every = model.fit, weigh(model, catalogue(cell)).alternatives()
+    assert ('object_position[disc_1]',) in {item.effects for item in every}
+    assert len(every) > 1
+    weight = np.array([item.probability for item in every])
+    assert weight.sum() == pytest.approx(1.0)
+    found = averaged(union, every)
+    values = np.array([item.change for item in every])[:, :12]
+    moved = found.parameters.as_array() - union.parameters.as_array()
+    np.testing.assert_allclose(moved, weight @ values, rtol=0, atol=1e-12)
+    assert np.ptp(values / union.std, axis=0).max() > 1, 'they do not agree'
+    scatter = np.sqrt(weight @ (values - moved) ** 2)
+    assert (found.std >= scatter * (1 - 1e-9)).all()
+    assert found.force_error < 1.15 * union.force_error
+    assert averaged(union, ()) is union

@@ -9,7 +9,7 @@ import pytest
 from calibration.studies import CELL
 
 from scara_kinetostatic.diagnosis.advice import many_small
-from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found, Value
+from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL
@@ -121,8 +121,3 @@ def test_a_suspicion_says_what_its_value_means():
     values = tuple(Value(p.name, -3e-5, 1e-5, p.unit, p.meaning) for p in effect.parameters[2:])
     said = many_small(0.01, [Found(effect, values, False)])
     assert said.endswith('(change of the slope with the square of the angle: −30 ppm/rad^2 ± 10 ppm/rad^2)')
-
-
-def test_an_advised_touch_names_the_elbow_by_its_side():
-    texts = [str(DiscriminatingTouch('disc_1', 0.5, side, 40.0, False, 1.2, 4.0)) for side in (1, -1)]
-    assert ['elbow left' in texts[0], 'elbow right' in texts[1]] == [True, True]
