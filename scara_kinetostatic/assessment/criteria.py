@@ -368,7 +368,7 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
     if found is None or tip.at is None:
         yield Remark(Grade.UNFIT, f'the uncertainty of the tip is not determined, the tolerance is {limit}')
         return
-    reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at {tip.at.title}'
+    reason = f'the expanded uncertainty of the tip is up to {worst} ({tip.coverage}), at {tip.at.title}'
     if tip.undetermined > 0:
         reason += f', and not determined in {100 * tip.undetermined:.0f} % of the {region}'
     reason += f', the tolerance {limit}; it conforms in {100 * found.share:.0f} % of the {region}'
@@ -403,7 +403,8 @@ def kept(evidence: Evidence) -> Iterator[str]:
     """A note where the tolerance is kept, or would be if no model error of unknown cause were there."""
     found, tolerance = evidence.conformity, evidence.final.cell.tolerance
     if tolerance is not None and found is not None and found.decision is Decision.CONFORMS:
-        most = f'the expanded uncertainty of the tip is at most {quantity(evidence.tip_uncertainty.worst, "m")} (k = 2)'
+        tip = evidence.tip_uncertainty
+        most = f'the expanded uncertainty of the tip is at most {quantity(tip.worst, "m")} ({tip.coverage})'
         limit = f'all over the {evidence.final.cell.region.title}, the tolerance {quantity(tolerance, "m")}'
         yield f'{most} {limit}: conformity {stated_conformity(evidence)}'
 
@@ -455,7 +456,8 @@ def assess(evidence: Evidence) -> Assessment:
     """
     remarks = [remark for criterion in CRITERIA for remark in criterion(evidence)]
     if not remarks:
-        tip = f'the tip is known to {quantity(evidence.tip_uncertainty.worst, "m")} or better (k = 2)'
+        known = evidence.tip_uncertainty
+        tip = f'the tip is known to {quantity(known.worst, "m")} or better ({known.coverage})'
         checks = f'{int(evidence.final.used.sum())} touches, each predicted by the others to '
         reason = f'{tip}, from {checks}{evidence.comparison.extended.held_out:.2g} N'
         remarks = [Remark(Grade.FIT, reason)]

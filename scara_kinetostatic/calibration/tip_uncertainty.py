@@ -125,9 +125,10 @@ class WorstPose(NamedTuple):
 
 
 class TipUncertainty(NamedTuple):
-    """Expanded uncertainty (k = 2) of the tip over the workspace.
+    """Expanded uncertainty of the tip over the workspace.
 
     Attributes:
+        coverage: what it is, in words: ``k = 2`` or, over several possible causes, ``95 %``.
         median: over the places of the workspace, m; NaN where the data do not determine it.
         worst: the largest, of the places where it is determined, m.
         at: where that is; None where nothing is determined.
@@ -139,6 +140,7 @@ class TipUncertainty(NamedTuple):
         share: part of the region within reach that these limits leave, 0 to 1.
     """
 
+    coverage: str
     median: float
     worst: float
     at: WorstPose | None
@@ -325,6 +327,7 @@ def tip_uncertainty(c: Calibration) -> TipUncertainty:
     values[area.reached], touched[area.reached] = expanded, area.touched
     maps = zip(POSTURES, values, touched, area.reached, strict=True)
     return TipUncertainty(
+        coverage=f'{100 * LEVEL:.0f} %' if c.alternatives else f'k = {COVERAGE_FACTOR:g}',
         median=_statistic(np.median, expanded[known]),
         worst=_statistic(np.max, expanded[known]),
         at=_worst_pose(c, area, variances, expanded),

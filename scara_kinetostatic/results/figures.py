@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, NEARLY_STRETCHED, UncertaintyMap
+from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED, UncertaintyMap
 from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward, inverse
@@ -187,7 +187,7 @@ def uncertainty_figures(outcome: Outcome) -> Figures | None:
     c, tip = outcome.final, outcome.tip_uncertainty
     known = [each for each in tip.maps if np.isfinite(each.expanded).any()]
     parts = [
-        f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
+        f'Expanded uncertainty ({tip.coverage}) of the tip in the worst direction, without load or under the '
         f'mean force of the touches in any direction, µm; median {micrometres(tip.median)} µm'
     ]
     if tip.at is not None:

@@ -9,7 +9,6 @@ from scara_kinetostatic.assessment.criteria import advice, rivals_in_words, sets
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
@@ -116,7 +115,7 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     where = outcome.final.cell.region.title
     sizes = f'at most {micrometres(tip.worst)} µm, at {tip.at.title}, median {micrometres(tip.median)} µm.'
     return [
-        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',
+        f'Expanded uncertainty of the tip ({tip.coverage}) over the {where}: {sizes}',
         f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
         f'To reduce it: {advice(outcome)}.',
     ]

@@ -10,7 +10,6 @@ import numpy as np
 
 from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.report import (
     Block,
     Fact,
@@ -137,7 +136,7 @@ def _uncertainty(outcome: Outcome) -> Fact:
     allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {micrometres(tolerance)} µm'
     if not np.isfinite(tip.worst):
         return Fact(title, 'not determined', '', f'by these touches; {allowed}')
-    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the {outcome.final.cell.region.title}']
+    parts = [f'largest expanded uncertainty ({tip.coverage}) in the {outcome.final.cell.region.title}']
     if np.isfinite(tip.worst_touched):
         parts[0] += f', {micrometres(tip.worst_touched)} µm between the touches'
     if tip.undetermined > 0:
