@@ -160,6 +160,8 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
         return _without_effects(c, Search(plain, c), known), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
+    if found.angles or found.named:
+        found = _named(found, known)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
         if _chi_square_p_value(found.fit) >= STRICT_SIGNIFICANCE and not implausible:
             return _without_effects(c, found, known), found.deviance
@@ -221,16 +223,10 @@ def _p_value(found: Search) -> float:
     return min(1.0, found.none / max(1 - found.none, 1e-300), 4 * _chi_square_p_value(found.fit))
 
 
-def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
-    """The diagnosis with an extended model: verdict, effects, rivals.
-
-    Args:
-        c: the base model.
-        found: the effects that may be missing.
-        known: the catalogue.
-    """
-    p_value, named = _p_value(found), [effect.label for effect in found.named]
-    wanted = [label for label in (*found.found, *chain(*found.rivals)) if label != found.angles]
+def _named(found: Search, known: tuple[Effect, ...]) -> Search:
+    """A search with the fit of what is found or, where that does not explain the touches, of all possible causes."""
+    named = [effect.label for effect in found.named]
+    wanted = [label for label in (*found.sure, *chain(*found.rivals)) if label != found.angles]
     if not found.is_explained:
         wanted = [*wanted, *named]
     # a wave without an amplitude has no phase: rivals like it stay among what is not named, where they are linear
@@ -240,7 +236,17 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
         if np.sum(item.effect.amplitudes(np.ones(len(item.effect.parameters))) == 0) > bool(item.effect.grid_parameter)
     }
     wanted = [x for x in dict.fromkeys(wanted) if x in named or x not in has_phase][:_MOST_NAMED]
-    found = naming(found, known, wanted)
+    return naming(found, known, wanted)
+
+
+def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis with an extended model: verdict, effects, rivals.
+
+    Args:
+        c: the base model.
+        found: the effects that may be missing.
+        known: the catalogue.
+    """
     when = moments(found.fit)
     included = found.inclusion
     # in the union of rivals one may stand for the other at any place; each by itself has its own
@@ -259,7 +265,7 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
     roles |= {item.effect.label: 'possible' for item in effects if item.is_possible}
     return Diagnosis(
         verdict=verdict,
-        p_value=p_value,
+        p_value=_p_value(found),
         found=effects,
         rivals=rivals,
         probabilities=found.probabilities,
@@ -309,7 +315,7 @@ def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
             if effect.grid_parameter:  # which the linear problem holds
                 stds[effect.grid_parameter_index] = std[effect.grid_parameter_index]
             values = _values(effect, estimates + mean, stds, extended)
-        is_certain = found.inclusion.get(label, 0.0) >= FOUND or not effect.is_physical
+        is_certain = label in found.found or not effect.is_physical
         items.append(Found(effect, values, is_certain))
     return tuple(items)
 

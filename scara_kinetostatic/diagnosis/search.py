@@ -112,12 +112,20 @@ class Search(NamedTuple):
         return 1 - self.angles_probability if self.angles else self.weighed.odds.none
 
     @property
-    def found(self) -> tuple[str, ...]:
-        """Labels of the effects that are found; none where what is missing is rather outside the catalogue."""
+    def sure(self) -> tuple[str, ...]:
+        """Labels of the effects with an inclusion of `FOUND`; none where what is missing is rather outside the
+        catalogue.
+        """
         included = self.inclusion
         if included.get(UNNAMED, 0.0) >= 0.5:
             return ()
         return tuple(label for label, p in included.items() if p >= FOUND and label != UNNAMED)
+
+    @property
+    def found(self) -> tuple[str, ...]:
+        """Those that are in the fit as well: the odds are to hold where it is."""
+        named = {self.angles, *(effect.label for effect in self.named)}
+        return tuple(label for label in self.sure if label in named)
 
     @property
     def is_explained(self) -> bool:
@@ -149,16 +157,20 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         plain: the sets weighed at the mixed model without names, where they are known.
     """
     weighed = plain or weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
-    names, excluded = set[tuple[str, float]](), frozenset[str]()
+    names, excluded, visited = frozenset[tuple[str, float]](), frozenset[str](), list[tuple[float, Weighed]]()
+    tried = {names}
     for _ in range(6):  # most searches end after one or two rounds
         members = weighed.likeliest(excluded)
-        wanted = {_name(member) for member in members}
+        wanted = frozenset(_name(member) for member in members)
         if wanted == names or not members:
+            return Search(weighed, c)
+        if wanted in tried:  # each of several sets is the likeliest at the fit with another
             break
+        tried.add(wanted)
         fitted = _fit_named(c, known, weighed.problem, members)
         if fitted is None and len(members) > 1:  # far from the truth a set may be likely that has no fit
             members = weighed.likeliest_of(members)
-            wanted = {_name(member) for member in members}
+            wanted = frozenset(_name(member) for member in members)
             fitted = None if wanted == names else _fit_named(c, known, weighed.problem, members)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
             alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
@@ -172,7 +184,8 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         excluded |= wrong
         if not wrong:
             weighed, names = weigh(fitted, known), wanted
-    return Search(weighed, c)
+            visited.append((fitted.deviance + CREDIBLE * len(members), weighed))
+    return Search(min(visited, key=lambda item: item[0])[1] if visited else weighed, c)
 
 
 def _fit(

@@ -30,8 +30,8 @@ from scara_kinetostatic.diagnosis.odds import (
 )
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
-from scara_kinetostatic.effects.undetected import typical_size
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.effects.undetected import columns_of, derivatives, typical_size
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import ArmClass, SizeMode
 
 _CURVE = 2e-6
@@ -156,31 +156,45 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     columns = np.split(np.arange(gross.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
     of_gross = np.full((size + by_errors.shape[1], gross.shape[1]), np.nan)
     labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
-    named = []
+    kept_random = np.ones(len(labels), dtype=bool)
+    fresh, beside = list[tuple[Indices, Floats, Mask]](), [np.zeros((rows, 0))]
     for item, unit, at in zip(kept, units, columns, strict=True):
-        own_random = size + m + np.flatnonzero(labels == item.effect.label)
+        own_random = np.flatnonzero(labels == item.effect.label)
         if item.effect in fitted:
             first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
             places = first + np.arange(fitted[item.effect])
             amount = np.linalg.lstsq(gross[:, at], by_effects[:, places] @ own[places], rcond=None)[0] * unit
             of_gross[:, at] = 0.0
             of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
-            # as wide as the one form that it is of those that undetected effects have
-            number = len({tuple(values) for values in item.effect.forms(problem.touch_state)})
-            if c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED:
-                named.append((at, 1 / max(number, 1) ** 0.5))
+            if c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED:
+                continue
+            if item.effect.grid_parameter:  # small, it is where undetected effects are, not at the place found
+                beside.append(_small_part(problem, item.effect, arm))
+            else:
+                fresh.append((at, np.ones(len(at)), np.zeros(len(at), dtype=bool)))
         elif len(own_random):
+            found = np.linalg.lstsq(by_errors[:, m + own_random], gross[:, at], rcond=1e-6)[0]
             of_gross[:, at] = 0.0
-            found = np.linalg.lstsq(by_errors[:, own_random - size], gross[:, at], rcond=1e-6)[0]
-            of_gross[np.ix_(own_random, at)] = found
-    mine = np.concatenate([*(at for at, _ in named), []]).astype(np.intp)
-    less = np.concatenate([*(np.full(len(at), part) for at, part in named), []])
+            of_gross[np.ix_(size + m + own_random, at)] = found
+            if item.tried == 1:  # those of the fit are where it began
+                at = at[: len(own_random)]
+                assert c.random is not None
+                widths = (c.random.size * model.typical)[own_random] / unit[: len(at)]
+                fresh.append((at, widths, ~model.is_free[own_random]))
+                kept_random[own_random] = False
+    mine = np.concatenate([*(at for at, _, _ in fresh), []]).astype(np.intp)
+    widths = np.concatenate([*(part for _, part, _ in fresh), []])
+    stays = np.concatenate([np.ones(m, dtype=bool), kept_random])
     by_small = np.concatenate([np.ones(m), model.typical])
-    small = np.concatenate([by_errors * by_small, gross[:, mine] * less], axis=1)
-    of_small = np.concatenate([np.pad(np.diag(by_small), ((size, 0), (0, 0))), of_gross[:, mine] * less], axis=1)
+    small = np.concatenate([(by_errors * by_small)[:, stays], gross[:, mine] * widths, *beside], axis=1)
+    of_errors = np.pad(np.diag(by_small), ((size, 0), (0, 0)))[:, stays]
+    of_small = np.concatenate([of_errors, of_gross[:, mine] * widths], axis=1)
+    of_small = np.pad(of_small, ((0, 0), (0, small.shape[1] - of_small.shape[1])))
     of_base = np.zeros((len(of_small), problem.jacobian.shape[1]))
     of_base[: c.model.base_count] = problem.identifiable
-    is_declared = np.concatenate([np.ones(m, dtype=bool), ~model.is_free, np.zeros(len(mine), dtype=bool)])
+    is_declared = np.concatenate([np.ones(m, dtype=bool), ~model.is_free])[stays]
+    is_declared = np.concatenate([is_declared, *(part for _, _, part in fresh)]).astype(bool)
+    is_declared = np.pad(is_declared, (0, small.shape[1] - len(is_declared)))
 
     behind, off = trusted_rows(c, problem.identifiable)
     zeros = np.zeros((len(behind), small.shape[1] + gross.shape[1]))
@@ -202,6 +216,15 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     odds = posterior_odds(linear, forms, weights)
     lift = np.concatenate([of_base, of_small, of_gross], axis=1)
     return Weighed(model, problem, every, forms, linear, odds, lift)
+
+
+def _small_part(problem: Problem, effect: Effect, arm: ArmClass) -> Floats:
+    """The whitened columns by which an effect is there undetected, in its typical size, (2n, k)."""
+    at = problem.touch_state
+    columns = columns_of(effect, at)
+    size = [typical_size(effect, column.parameter, arm) for column in columns]
+    changes = problem.changes(Trial(derivatives(columns, at)))
+    return changes * np.array(size) / max(len({column.values for column in columns}), 1) ** 0.5
 
 
 def _log_determinant(point: Point) -> float:
