@@ -116,21 +116,10 @@ def open_questions(
         known: the catalogue.
     """
     return joined(
-        *_distinguish(rivals, known),
+        *(f'these touches cannot distinguish {_enumerated(group)}' for group in rivals),
         *(_about_curve(item) for item in found if not item.effect.is_physical),
         _remaining(verdict, found, remaining),
     )
-
-
-def _distinguish(rivals: Sequence[Sequence[str]], known: Sequence[Effect]) -> list[str]:
-    """Which rivals there are, and which touches would distinguish them."""
-    by_label = {effect.label: effect for effect in known}
-    sentences = []
-    for group in rivals:
-        touches = dict.fromkeys(by_label[label].identified_by for label in group[:_MOST_NAMES] if label in by_label)
-        text = f'these touches cannot distinguish {_enumerated(group)}'
-        sentences.append(f'{text}; to discriminate, record {"; or ".join(touches)}' if touches else text)
-    return sentences
 
 
 def _about_curve(item: Found) -> str:
