@@ -188,7 +188,7 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
         holds = 'parameters and uncertainties are valid whichever it is, the size of a cause only if it is the true one'
         reason = f'a model error was corrected; its cause is not determined: {groups}; {holds}'
         found = evidence.discrimination
-        yield Remark(Grade.CAUTION, reason, found.remedy if found else '')
+        yield Remark(Grade.CAUTION, reason, found.action if found else '')
 
 
 def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
@@ -359,7 +359,7 @@ def advice(evidence: Evidence) -> str:
     items = max(kinds.values(), key=lambda alike: sum(item.tip**2 for item in alike))
     largest, d = max(items, key=lambda item: item.tip), evidence.diagnosis
     if largest.kind == RIVALS:
-        return 'make the touches that tell the possible causes apart: the choice among them dominates'
+        return 'tell the possible causes apart: the choice among them dominates'
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'

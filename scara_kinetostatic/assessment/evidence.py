@@ -32,9 +32,10 @@ from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
-from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
+from scara_kinetostatic.calibration.uncertainty_budget import Item, title_of, uncertainty_budget
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
+from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
@@ -159,12 +160,31 @@ class Discrimination(NamedTuple):
         return f'{len(self.touches)} touches: {percent(self.now)} → {percent(self.expected)} %'
 
     @property
+    def causes(self) -> str:
+        """The sets with their probabilities: ``place of disc_2 (93 %) or place of disc_1 (7 %)``."""
+        names = {UNNAMED: 'something else'}
+        sets = (
+            (' and '.join(names.get(label) or title_of(label) for label in labels) or 'no gross error', probability)
+            for labels, probability in self.odds
+        )
+        return ' or '.join(f'{title} ({percent(probability)} %)' for title, probability in sets)
+
+    @property
+    def limits(self) -> str:
+        """That touches do not decide, and where they end."""
+        return f'touches hardly decide: {self.forecast}, {self.many} end at {percent(self.limit)} %'
+
+    @property
     def remedy(self) -> str:
-        """What decides, in the imperative."""
+        """What decides where touches do not, in the imperative."""
+        return '; or '.join(self.remedies) or 'change the cell: no single measurement of it decides either'
+
+    @property
+    def action(self) -> str:
+        """What to do."""
         if self.is_decisive:
-            return f'to tell the causes apart, make the touches of `next --goal decide`, {self.forecast}'
-        text = f'touches hardly tell the causes apart, {self.forecast}, {self.many} more end at {percent(self.limit)} %'
-        return f'{text}: {"; or ".join(self.remedies)}' if self.remedies else text
+            return f'to tell the causes apart, make the touches of `next --goal decide`: {self.forecast}'
+        return f'to tell the causes apart, {self.remedy}; {self.limits}'
 
 
 _WORTH = 0.03

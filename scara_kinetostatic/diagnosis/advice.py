@@ -104,7 +104,6 @@ def open_questions(
     found: Sequence[Found],
     rivals: Sequence[Sequence[str]],
     remaining: Sequence[Dependence],
-    known: Sequence[Effect],
 ) -> str:
     """What the extended model leaves open: rivals, fitted curves, lack of fit.
 
@@ -113,7 +112,6 @@ def open_questions(
         found: the effects of the extended model.
         rivals: labels of effects that the touches cannot distinguish.
         remaining: what the residual of the extended model depends on.
-        known: the catalogue.
     """
     return joined(
         *(f'these touches cannot distinguish {_enumerated(group)}' for group in rivals),

@@ -208,7 +208,7 @@ class Rivals(NamedTuple):
                     what = effect.name.removeprefix('object_').replace('position', 'place')
                     text = f'measure the {what} of {effect.target} to {stated}, and correct it in the cell description'
                 found.append((size / typical_size(effect, 0), text))
-        remedies = [max(found)[1]] if found else []
+        remedies = [max(found, key=lambda item: item[0])[1]] if found else []  # of alike the likelier
         names, lengths = self.robot.model.names, list[tuple[float, str]]()
         for name in ('l1', 'l2'):
             row = np.zeros((1, self.change.shape[1]))
@@ -276,7 +276,19 @@ def _held(effect: Effect) -> str:
     return f"'{effect.label}.{effect.parameters[0].name}=VALUE'"
 
 
-def discriminate(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> tuple[Discrimination, list[int]]:
+class Decision(NamedTuple):
+    """What decides.
+
+    Attributes:
+        told: in words and figures.
+        chosen: places of the touches among the candidates, the most decisive first.
+    """
+
+    told: Discrimination
+    chosen: list[int]
+
+
+def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> Decision:
     """The touches that decide, what they are expected to tell, and, where that is little, what would decide.
 
     Args:
@@ -284,13 +296,10 @@ def discriminate(rivals: Rivals, candidates: Plan, rows: Floats, number: int) ->
         candidates: touches to choose from.
         rows: H of these, (n, 2, v).
         number: of the touches.
-
-    Returns:
-        Both, with the places of the touches among the candidates, the most decisive first.
     """
     chosen = rivals.choose(rows, number)
     now, expected, many = float(rivals.probability.max()), rivals.forecast(rows[chosen]), rivals.many(rows)
     titles = tuple(candidates.select(np.array(chosen)).titles(rivals.robot.cell))
     odds = tuple(zip(rivals.labels, rivals.probability.tolist(), strict=True))
     found = Discrimination(odds, titles, now, expected.probability, MOST_TOUCHES, many.probability, ())
-    return (found if found.is_decisive else found._replace(remedies=rivals.remedies(candidates))), chosen
+    return Decision(found if found.is_decisive else found._replace(remedies=rivals.remedies(candidates)), chosen)

@@ -58,7 +58,7 @@ from scara_kinetostatic.planning.candidate_touches import (
     declared_rows,
     prepare_candidates,
 )
-from scara_kinetostatic.planning.discrimination import Forecast, Rivals, discriminate
+from scara_kinetostatic.planning.discrimination import Decision, Forecast, Rivals, decide
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, short_order
 from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
@@ -372,17 +372,17 @@ class Planner:
         assert self.rivals is not None
         return self.rivals.rows(self._candidates[0])
 
-    def discrimination(self, number: int = USUAL_NUMBER) -> tuple[Discrimination, list[int]] | None:
+    def decision(self, number: int = USUAL_NUMBER) -> Decision | None:
         """The touches that decide between the rivals, and what does where these do not; None where there are none.
 
         Raises:
             UnsupportedDataError: no touch can be reached.
         """
-        return None if self.rivals is None else discriminate(self.rivals, self._candidates[0], self._rows, number)
+        return None if self.rivals is None else decide(self.rivals, self._candidates[0], self._rows, number)
 
-    def deciding(self, number: int, found: tuple[Discrimination, list[int]]) -> PlannedTouches:
+    def deciding(self, number: int, found: Decision) -> PlannedTouches:
         """The first so many of the touches that decide most."""
-        return self._arranged(self.candidates, found[1][:number], self._in_doubt)
+        return self._arranged(self.candidates, found.chosen[:number], self._in_doubt)
 
     def _left(self, told: Forecast) -> float:
         """What is left of the part of the choice."""
@@ -451,10 +451,10 @@ class Planner:
 def discrimination_of(evidence: Evidence) -> Discrimination | None:
     """What decides between the sets of effects of a calibration, within reach; None where nothing is to be decided."""
     try:
-        found = Planner.of_evidence(evidence).discrimination()
+        found = Planner.of_evidence(evidence).decision()
     except ScaraKinetostaticError:  # nothing can be touched
         return None
-    return found and found[0]
+    return None if found is None else found.told
 
 
 def _is_size(effect: Effect) -> Mask:
