@@ -37,6 +37,7 @@ from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.threads import one_thread
@@ -151,8 +152,8 @@ class Discrimination(NamedTuple):
 
     @property
     def is_decisive(self) -> bool:
-        """Whether the touches are worth making: they take away half of the doubt, or a few percent."""
-        return self.expected >= min(self.now + _WORTH, (1 + self.now) / 2)
+        """Whether touches are worth making: these take away half of the doubt, or a few percent, and many decide."""
+        return self.limit >= FOUND and self.expected >= min(self.now + _WORTH, (1 + self.now) / 2)
 
     @property
     def forecast(self) -> str:
@@ -192,8 +193,8 @@ _WORTH = 0.03
 
 
 def percent(probability: float) -> str:
-    """A probability in percent, with the digits that tell it from 1."""
-    return f'{100 * probability:.{0 if probability < 0.985 else 1 if probability < 0.9985 else 2}f}'
+    """A probability in percent, not rounded to certainty."""
+    return f'{100 * probability:.0f}' if probability < 0.985 else f'{min(100 * probability, 99.9):.1f}'
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
         decision = _decision(planner, found, number) if args.goal == 'decide' else None
-        planned = planner.deciding(number, decision) if decision else planner.accurate(number)
+        planned = planner.discriminating(decision, number) if decision else planner.accurate(number)
         files = next_files(planner, planned)
     if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
         return
@@ -90,8 +90,8 @@ def _decision(planner: Planner, found: Diagnosis | None, number: int) -> Decisio
     if decision is None:
         what = f'--goal decide: nothing is to be decided: {found.verdict}'
         raise UnsupportedDataError(what, found.advice or 'leave out --goal decide')
-    if not decision.told.is_decisive:
-        raise UnsupportedDataError(f'--goal decide: {decision.told.causes}: {decision.told.limits}', decision.told.remedy)
+    if not (told := decision.told).is_decisive:
+        raise UnsupportedDataError(f'--goal decide: {told.causes}: {told.limits}', told.remedy)
     return decision
 
 

@@ -13,7 +13,6 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found
 from scara_kinetostatic.diagnosis.search import Moment
-from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
@@ -100,10 +99,7 @@ def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
 
 
 def open_questions(
-    verdict: str,
-    found: Sequence[Found],
-    rivals: Sequence[Sequence[str]],
-    remaining: Sequence[Dependence],
+    verdict: str, found: Sequence[Found], rivals: Sequence[Sequence[str]], remaining: Sequence[Dependence]
 ) -> str:
     """What the extended model leaves open: rivals, fitted curves, lack of fit.
 

@@ -38,6 +38,8 @@ import numpy as np
 from scara_kinetostatic.assessment.evidence import Discrimination
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.uncertainty_budget import title_of
+from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
@@ -48,8 +50,6 @@ from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.prediction import Robot, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
-SURE = 0.95
-"""Probability from which on a set is decided, as an effect is found."""
 _LEAST, _MOST_SETS = 1e-3, 6
 """Sets that are less likely, or more of them, do not count."""
 _DRAWS = 400
@@ -67,7 +67,7 @@ class Forecast(NamedTuple):
 
     Attributes:
         probability: of the likeliest set afterwards, on average.
-        decided: how often it is at least `SURE`.
+        decided: how often it is at least `FOUND`.
     """
 
     probability: float
@@ -143,9 +143,9 @@ class Rivals(NamedTuple):
         """What H, (…, v), is expected to tell."""
         rows = rows.reshape(-1, rows.shape[-1])
         if not len(rows):
-            return Forecast(float(self.probability.max()), float(self.probability.max() >= SURE))
+            return Forecast(float(self.probability.max()), float(self.probability.max() >= FOUND))
         if len(rows) > rows.shape[1]:  # what is orthogonal to all columns is noise alone
-            rows = np.linalg.qr(rows, mode='r')
+            rows = np.asarray(np.linalg.qr(rows, mode='r'))
         means = self.change @ rows.T
         roots = np.linalg.cholesky(rows @ self.covariance @ rows.T + np.eye(len(rows)))
         normal = np.random.default_rng(0).standard_normal((_DRAWS, len(rows)))
@@ -157,7 +157,7 @@ class Rivals(NamedTuple):
                 logs[k] -= np.log(np.diag(root)).sum() + squares / 2
             likeliest = np.exp(logs.max(axis=0) - np.logaddexp.reduce(logs))
             probability += likely * float(likeliest.mean())
-            decided += likely * float((likeliest >= SURE).mean())
+            decided += likely * float((likeliest >= FOUND).mean())
         return Forecast(max(probability, float(self.probability.max())), decided)
 
     def many(self, rows: Floats) -> Forecast:
@@ -169,27 +169,27 @@ class Rivals(NamedTuple):
         """Rows that pick the sizes of an effect, in their units, from all values: of what is named, declared and too
         small to be detected together, (a, v).
         """
-        robot, names = self.robot, self.robot.model.names
-        places = robot.declared.places.get(effect.declared_as or effect.label, ()) if robot.declared else ()
+        robot, names, declared = self.robot, self.robot.model.names, self.robot.declared
+        places = declared.places.get(effect.declared_as or effect.label, ()) if declared else ()
         sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
         rows, first = np.zeros((len(sizes), self.change.shape[1])), self.change.shape[1] - len(robot.random)
         for number, (row, k) in enumerate(zip(rows, sizes.tolist(), strict=True)):
             row[names.index(f'{effect.label}.{effect.parameters[k].name}')] = 1.0
-            if number < len(places):
-                row[len(names) + places[number]] = robot.declared.units[places[number]]
+            if declared and number < len(places):
+                row[len(names) + places[number]] = declared.units[places[number]]
             for j, (column, size) in enumerate(zip(robot.random, robot.random_sizes, strict=True), first):
                 row[j] += size * (column.effect.label == effect.label and column.parameter == k)
         return rows
 
     def _needed(self, rows: Floats, least: float = 0.0) -> float:
         """The largest standard uncertainty, SI, of a measurement of what rows pick with which some set is expected to
-        be `SURE`; 0 where none above `least` is so good.
+        be `FOUND`; 0 where none above `least` is so good.
         """
         good = [size for size in _STEPS[::-1] if size >= least]
         low, high = 0, len(good)
         while low < high:
             middle = (low + high) // 2
-            enough = self.forecast(rows / good[middle]).probability >= SURE
+            enough = self.forecast(rows / good[middle]).probability >= FOUND
             low, high = (low, middle) if enough else (middle + 1, high)
         return good[low] if low < len(good) else 0.0
 
@@ -197,16 +197,20 @@ class Rivals(NamedTuple):
         """What decides where touches do not, the easiest of each kind, in the imperative."""
         effects = {effect.label: effect for effect in self.robot.effects}
         named = [effects[label] for label in dict.fromkeys(x for one in self.labels for x in one) if label in effects]
-        found = list[tuple[float, str]]()
-        for effect in named:
-            rows = self._sizes(effect)
-            size = self._needed(rows, _LEAST_LENGTH if effect.parameters[0].unit == 'm' else 0.0) if len(rows) else 0.0
-            if size:
-                stated = quantity(size, effect.parameters[0].unit)
-                text = f'determine {effect.label} to {stated} otherwise, and hold it: --fix {_held(effect)}'
+        objects = [effect for effect in named if effect.on_object and effect.parameters[0].unit == 'm']
+        found, groups = list[tuple[float, str]](), [[effect] for effect in named]
+        for group in [*groups, *map(list, combinations(objects, 2)), objects]:
+            if not group or (found and len(group) > 1):
+                break
+            effect, unit = group[0], group[0].parameters[0].unit
+            rows = np.concatenate([self._sizes(one) for one in group])
+            if size := self._needed(rows, _LEAST_LENGTH if unit == 'm' else 0.0) if len(rows) else 0.0:
+                text = (
+                    f'determine {effect.label} to {quantity(size, unit)} otherwise, and hold it: --fix {_held(effect)}'
+                )
                 if effect.on_object:
-                    what = effect.name.removeprefix('object_').replace('position', 'place')
-                    text = f'measure the {what} of {effect.target} to {stated}, and correct it in the cell description'
+                    what = ' and the '.join(title_of(one.label) for one in group)
+                    text = f'measure the {what} to {quantity(size, unit)}, and correct the cell description'
                 found.append((size / typical_size(effect, 0), text))
         remedies = [max(found, key=lambda item: item[0])[1]] if found else []  # of alike the likelier
         names, lengths = self.robot.model.names, list[tuple[float, str]]()
@@ -261,7 +265,7 @@ class Rivals(NamedTuple):
             found = self.forecast(_whitened_by(flat[:, kept], flat[:, ~kept]))
             if found.probability > best.probability:
                 best, where = found, f'x {1e3 * one.x:.0f} mm, y {1e3 * one.y:.0f} mm'
-        if best.probability < SURE:
+        if best.probability < FOUND:
             return []
         return [f'touch a further disc at about {where}, its place known to {quantity(std, "m")}']
 

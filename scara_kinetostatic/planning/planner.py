@@ -13,8 +13,8 @@ The variance of the sizes that are suspected counts as much as that of the tip, 
 that does not move the tip, as a disc elsewhere, is decided, too.
 
 **Rivals** are decided by the touches of `planning.discrimination`. What the choice between them contributes to the
-uncertainty of the tip is predicted to go with the probability that is left to the less likely ones, to nothing where one
-is likely to reach 95 %.
+uncertainty of the tip is predicted to go with the probability that is left to the less likely ones, to nothing where
+one is likely to reach 95 %.
 
 **Enough** is said where the expanded uncertainty (k = 2) of the tip is at most the tolerance all over the region, or
 where `MOST_TOUCHES` more would not bring it there: then what the cell declares as uncertain is the limit.
@@ -380,9 +380,9 @@ class Planner:
         """
         return None if self.rivals is None else decide(self.rivals, self._candidates[0], self._rows, number)
 
-    def deciding(self, number: int, found: Decision) -> PlannedTouches:
+    def discriminating(self, decision: Decision, number: int) -> PlannedTouches:
         """The first so many of the touches that decide most."""
-        return self._arranged(self.candidates, found.chosen[:number], self._in_doubt)
+        return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
 
     def _left(self, told: Forecast) -> float:
         """What is left of the part of the choice."""

@@ -348,16 +348,18 @@ def calibrated(
     verdict = f'verdict {outcome.verdict}' + (f': {effects}' if effects else '')
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
-        known = {'suspected': planner.suspected, 'rivals': planner.rivals, 'choice': planner.choice}
-        planner = replace(former, touches=planner.touches, given_up=given_up, **known)
+        known = planner
+        planner = replace(
+            former, touches=known.touches, suspected=known.suspected, rivals=known.rivals, given_up=given_up
+        )
     unexplained, decision = outcome.verdict == 'unexplained', None
     if outcome.verdict == 'ambiguous' and now is not None and now < np.inf:
         decision = planner.decision()
     told = decision.told if decision else None
     undecided = f'{told.causes}; {told.action}' if told else ''
-    deciding = decision if decides and told and told.is_decisive else None
-    planned = planner.deciding(_FEW, deciding) if deciding else planner.accurate(_FEW)
-    return Knowledge(planner, planned, now, grade, text, verdict, bool(deciding), unexplained, undecided)
+    is_worth = decides and told is not None and told.is_decisive
+    planned = planner.discriminating(decision, _FEW) if decision and is_worth else planner.accurate(_FEW)
+    return Knowledge(planner, planned, now, grade, text, verdict, is_worth, unexplained, undecided)
 
 
 def _targets(planned: PlannedTouches) -> list[Target]:

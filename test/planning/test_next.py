@@ -230,16 +230,22 @@ def test_the_short_order_is_that_of_a_line():
     assert list(places[order]) in ([*range(9)], [*range(8, -1, -1)])
 
 
-def test_touches_that_discriminate_decide_what_is_suspected_and_what_is_given_up_is_left_out(planner):
-    suspicious = planner_of(CELL, suspected=frozenset({'base_compliance'}))
-    first = suspicious.discriminating(9).plan
+def test_what_is_given_up_is_left_out(planner):
+    first = planner.accurate(9).plan
     given_up = ((int(first.disc[0]), float(first.angle[0]), int(first.posture[0])),)
-    planned = replace(suspicious, given_up=given_up).discriminating(4)
+    planned = replace(planner, given_up=given_up).accurate(4)
     assert any('given up' in text for text in planned.left_out)
     assert given_up[0] not in zip(planned.plan.disc, planned.plan.angle, planned.plan.posture, strict=True)
-    assert all(reason.startswith('decides base_compliance') for reason in planned.reasons)
-    with pytest.raises(UnsupportedDataError, match='hardly decide'):
-        planner.discriminating(4)
+
+
+def test_a_suspected_place_is_undecided_although_the_cell_declares_its_uncertainty():
+    label = 'object_position[disc_2]'
+    cell = replace(CELL, discs=tuple(disc._replace(center_std=3e-6) for disc in CELL.discs))
+    assert label not in {effect.label for effect in planner_of(cell).robot.effects}
+    suspicious = planner_of(cell, suspected=frozenset({label}))
+    names = np.array(suspicious.robot.model.names)[suspicious._in_doubt]
+    assert list(names) == [f'{label}.x', f'{label}.y']
+    assert {1} <= set(suspicious.accurate(4).plan.disc)
 
 
 def test_without_a_lift_an_open_outline_is_refused():
