@@ -44,7 +44,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.prediction import Robot, exact_plan
@@ -92,7 +92,7 @@ class Rivals(NamedTuple):
     covariance: Floats
 
     @classmethod
-    def of(cls, c: Calibration, cell: Cell) -> Rivals | None:
+    def of(cls, c: Calibration) -> Rivals | None:
         """Those of a calibration; None where fewer than two sets count."""
         likely = sorted((item for item in c.alternatives if item.probability >= _LEAST), key=lambda i: -i.probability)
         if len(likely) < 2:
@@ -101,8 +101,7 @@ class Rivals(NamedTuple):
         sizes = () if c.random is None else tuple(c.random.size.tolist())
         effects = tuple(effect for effect in c.model.effects if isinstance(effect, Effect))
         last = float(c.touches.time.max())
-        values, noise = c.model.effect_values, c.noise
-        robot = Robot(cell, c.parameters, noise, (), effects, values, (), columns, sizes, last)
+        robot = Robot(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
         labels, probability, change, covariance = zip(*likely[:_MOST_SETS], strict=True)
         weight = np.array(probability)
         return cls(robot, labels, weight / weight.sum(), np.array(change), np.array(covariance))
@@ -160,10 +159,12 @@ class Rivals(NamedTuple):
             decided += likely * float((likeliest >= FOUND).mean())
         return Forecast(max(probability, float(self.probability.max())), decided)
 
-    def many(self, rows: Floats) -> Forecast:
-        """What `MOST_TOUCHES`, evenly distributed over candidates of H (n, 2, v), are expected to tell."""
+    def many(self, rows: Floats, chosen: list[int]) -> Forecast:
+        """What `MOST_TOUCHES`, evenly distributed over candidates of H (n, 2, v), or on chosen ones, are expected to
+        tell; whichever is more.
+        """
         at = np.linspace(0, len(rows), MOST_TOUCHES, endpoint=False).astype(np.intp)
-        return self.forecast(rows[at])
+        return max(self.forecast(rows[at]), self.forecast((MOST_TOUCHES / len(chosen)) ** 0.5 * rows[chosen]))
 
     def _sizes(self, effect: Effect) -> Floats:
         """Rows that pick the sizes of an effect, in their units, from all values: of what is named, declared and too
@@ -174,7 +175,8 @@ class Rivals(NamedTuple):
         sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
         rows, first = np.zeros((len(sizes), self.change.shape[1])), self.change.shape[1] - len(robot.random)
         for number, (row, k) in enumerate(zip(rows, sizes.tolist(), strict=True)):
-            row[names.index(f'{effect.label}.{effect.parameters[k].name}')] = 1.0
+            if (name := f'{effect.label}.{effect.parameters[k].name}') in names:
+                row[names.index(name)] = 1.0
             if declared and number < len(places):
                 row[len(names) + places[number]] = declared.units[places[number]]
             for j, (column, size) in enumerate(zip(robot.random, robot.random_sizes, strict=True), first):
@@ -195,7 +197,7 @@ class Rivals(NamedTuple):
 
     def remedies(self, plan: Plan) -> tuple[str, ...]:
         """What decides where touches do not, the easiest of each kind, in the imperative."""
-        effects = {effect.label: effect for effect in self.robot.effects}
+        effects = {effect.label: effect for effect in (*(c.effect for c in self.robot.random), *self.robot.effects)}
         named = [effects[label] for label in dict.fromkeys(x for one in self.labels for x in one) if label in effects]
         objects = [effect for effect in named if effect.on_object and effect.parameters[0].unit == 'm']
         found, groups = list[tuple[float, str]](), [[effect] for effect in named]
@@ -302,7 +304,7 @@ def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> Decis
         number: of the touches.
     """
     chosen = rivals.choose(rows, number)
-    now, expected, many = float(rivals.probability.max()), rivals.forecast(rows[chosen]), rivals.many(rows)
+    now, expected, many = float(rivals.probability.max()), rivals.forecast(rows[chosen]), rivals.many(rows, chosen)
     titles = tuple(candidates.select(np.array(chosen)).titles(rivals.robot.cell))
     odds = tuple(zip(rivals.labels, rivals.probability.tolist(), strict=True))
     found = Discrimination(odds, titles, now, expected.probability, MOST_TOUCHES, many.probability, ())

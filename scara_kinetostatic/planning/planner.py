@@ -178,7 +178,8 @@ class Planner:
         doubtful = {item.effect.label for item in found.found if not item.is_found}
         now = known_or_infinite(tip.worst, tip.undetermined)
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-        of_tip, rivals = {item.label: item.tip for item in outcome.budget}, Rivals.of(final, final.cell)
+        of_tip = {item.label: item.tip for item in outcome.budget}
+        rivals = None if found.verdict == 'none' else Rivals.of(final)
         choice = 0.0 if rivals is None else COVERAGE_FACTOR * float(np.nan_to_num(of_tip.pop(RIVALS, 0.0)))
         undetected = undetected_part(of_tip)
         sizes = dict[str, float]()
@@ -426,7 +427,7 @@ class Planner:
         planned, many = float(np.hypot(ratio * after, undetected)), ratio * self._largest(own)
         if self.rivals is not None:
             planned = float(np.hypot(planned, self._left(self.rivals.forecast(self._rows[chosen]))))
-            left, alone = self._left(self.rivals.many(self._rows)), many
+            left, alone = self._left(self.rivals.many(self._rows, chosen)), many
             many = float(np.hypot(alone, left))
             if left > alone:
                 limit, share = 'the choice between possible causes', (left / many) ** 2

@@ -91,7 +91,7 @@ def test_the_forecast_goes_from_what_is_known_to_certainty(normal):
 def test_columns_of_planned_touches_are_those_of_the_calibration(displaced):
     final = displaced.final
     plan = default_plan(KNOWN, per_disc=5)
-    rivals = Rivals.of(final, KNOWN)
+    rivals = Rivals.of(final)
     as_made = TouchMetadata.of(final.touches, KNOWN.sensor.frame)
     rows, made = exact_plan(rivals.robot, plan, as_made).point.whitened.jacobian, final.projection.whitened.jacobian
     assert rows.shape == made.shape
@@ -126,7 +126,7 @@ def test_between_discs_alone_touches_hardly_decide_and_it_is_said_what_does(disp
     assert not told.is_decisive
     assert told.remedies[0].startswith('measure the place of disc_')
     assert any(told.limits in action and told.remedies[0] in action for action in displaced.assessment.actions)
-    rivals = Rivals.of(displaced.final, KNOWN)
+    rivals = Rivals.of(displaced.final)
     places = [effect(f'object_position[{disc.name}]') for disc in KNOWN.discs]
     rows = np.concatenate([rivals._sizes(one) for one in places])
     size = rivals._needed(rows)
