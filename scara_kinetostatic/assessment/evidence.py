@@ -167,6 +167,7 @@ class Discrimination(NamedTuple):
         sets = (
             (' and '.join(names.get(label) or title_of(label) for label in labels) or 'no gross error', probability)
             for labels, probability in self.odds
+            if probability >= _NAMED
         )
         return ' or '.join(f'{title} ({percent(probability)} %)' for title, probability in sets)
 
@@ -190,6 +191,10 @@ class Discrimination(NamedTuple):
 
 _WORTH = 0.03
 """Gain in the probability of the likeliest set for which touches are worth making."""
+
+
+_NAMED = 0.005
+"""Probability from which on a set is named."""
 
 
 def percent(probability: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -385,10 +386,13 @@ def test_a_calibration_stands_for_its_recordings_until_it_is_enough(made, tmp_pa
 
 def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     cell, bag = cell_file(), str(tmp_path / 'bag')
-    moved = ['--per-disc', '8', *SLOW, '--effect', 'sensor_nonlinearity:rate=0.006']
+    moved = ['--per-disc', '8', *SLOW, '--effect', 'sensor_nonlinearity:rate=0.012']
     assert main(['simulate', '--cell', str(cell), *moved, '--out', bag]) == 0
     out = tmp_path / 'decide'
     assert main(['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5', '--out', str(out)]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r'possible causes: contact_compliance \(\d+ %\) or sensor_nonlinearity \(\d+ %\)', said)
+    assert re.search(r'the likeliest: 5 touches: \d+ → \d+ %', said)
     rows = rows_of(out / 'next.csv')
     assert len(rows) == 5
     assert all(row['reason'].startswith('decides ') for row in rows)
