@@ -18,6 +18,7 @@ from scara_kinetostatic.planning.candidate_touches import choose
 from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.prediction import Robot, exact_plan
+from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -118,6 +119,8 @@ def test_report_and_plan_say_the_same(gain):
     told, decision = gain.discrimination, Planner.of_outcome(gain).decision()
     assert told == decision.told
     assert any(told.forecast in action for action in gain.assessment.actions)
+    for text in (text_report(gain), html_text(gain)):
+        assert told.touches[0] in text and told.forecast in text
 
 
 def test_between_discs_alone_touches_hardly_decide_and_it_is_said_what_does(displaced):
