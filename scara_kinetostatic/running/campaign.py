@@ -3,6 +3,10 @@
 The first touches are planned from the nominal model. After `FIRST` accepted ones, and after each further one, the
 touches are calibrated, while the robot makes those planned before; when they are made, the next few are planned. A
 place where touches fail is given up.
+
+Where the cause of a model error is not decided, the touches that decide are made first, as long as they are worth it.
+The run goes on while what is predicted over the possible causes, by their probabilities, promises the tolerance; else
+it ends as undecided, with what decides.
 """
 
 from __future__ import annotations
