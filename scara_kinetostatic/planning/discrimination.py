@@ -121,7 +121,7 @@ class Rivals(NamedTuple):
         weight, reached = np.sqrt(self.probability[i] * self.probability[j]), np.zeros(len(i))
         sets, chosen = len(self.labels), list[int]()
         for _ in range(min(number, len(rows))):
-            logs = np.log(np.linalg.det(blocks))
+            logs = np.log(np.maximum(np.linalg.det(blocks), 1.0))  # below 1 by rounding alone
             squares = (off * np.linalg.solve(blocks[sets:], off[..., None])[..., 0]).sum(axis=-1)
             gain = squares / 8 + logs[sets:] / 2 - (logs[i] + logs[j]) / 4
             bound = weight @ np.exp(-reached[:, None] - gain)
@@ -146,14 +146,14 @@ class Rivals(NamedTuple):
         if len(rows) > rows.shape[1]:  # what is orthogonal to all columns is noise alone
             rows = np.asarray(np.linalg.qr(rows, mode='r'))
         means = self.change @ rows.T
-        roots = np.linalg.cholesky(rows @ self.covariance @ rows.T + np.eye(len(rows)))
+        added, axes = np.linalg.eigh(rows @ self.covariance @ rows.T)
+        std = np.sqrt(1 + np.maximum(added, 0.0))  # below 0 by rounding, where a direction is not determined
         normal = np.random.default_rng(0).standard_normal((_DRAWS, len(rows)))
         probability = decided = 0.0
-        for likely, mean, true in zip(self.probability.tolist(), means, roots, strict=True):
-            drawn, logs = mean + normal @ true.T, np.log(self.probability)[:, None] + np.zeros(_DRAWS)
-            for k, root in enumerate(roots):
-                squares = np.square(np.linalg.solve(root, (drawn - means[k]).T)).sum(axis=0)
-                logs[k] -= np.log(np.diag(root)).sum() + squares / 2
+        constant = (np.log(self.probability) - np.log(std).sum(axis=1))[:, None]
+        for likely, mean, sizes, along in zip(self.probability.tolist(), means, std, axes, strict=True):
+            drawn = mean + (sizes * normal) @ along.T
+            logs = constant - np.square((drawn - means[:, None]) @ axes / std[:, None]).sum(axis=2) / 2
             likeliest = np.exp(logs.max(axis=0) - np.logaddexp.reduce(logs))
             probability += likely * float(likeliest.mean())
             decided += likely * float((likeliest >= FOUND).mean())
@@ -234,7 +234,7 @@ class Rivals(NamedTuple):
         radius = float(np.median([disc.radius for disc in discs]))
         std = float(np.median([disc.center_std for disc in discs])) or 1e-5
         span = robot.parameters.l1 + robot.parameters.l2
-        places = span * np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 7)] * 2), axis=-1).reshape(-1, 2)
+        places = span * np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 6)] * 2), axis=-1).reshape(-1, 2)
         places = places[cell.region.holds(places)]
         gaps = np.linalg.norm(places[:, None] - cell.centers, axis=-1) - cell.radii - radius
         further, plans, count = list[Disc](), list[Plan](), len(cell.discs)
