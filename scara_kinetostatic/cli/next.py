@@ -72,8 +72,10 @@ def run(args: argparse.Namespace) -> None:
         files = next_files(planner, planned)
     if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
         return
-    text = f'\npossible causes: {decision.told.causes}; the likeliest: {decision.told.forecast}' if decision else ''
-    print_result(_summary(planner, planned) + text, args.out, files)
+    text = _summary(planner, planned)
+    if decision is not None:
+        text += f'\npossible causes: {decision.outlook.causes}; the likeliest: {decision.outlook.forecast}'
+    print_result(text, args.out, files)
     for text in planned.left_out:
         note(text)
 
@@ -90,8 +92,8 @@ def _decision(planner: Planner, found: Diagnosis | None, number: int) -> Decisio
     if decision is None:
         what = f'--goal decide: nothing is to be decided: {found.verdict}'
         raise UnsupportedDataError(what, found.advice or 'leave out --goal decide')
-    if not (told := decision.told).is_decisive:
-        raise UnsupportedDataError(f'--goal decide: {told.causes}: {told.limits}', told.remedy)
+    if not (outlook := decision.outlook).is_decisive:
+        raise UnsupportedDataError(f'--goal decide: {outlook.causes}: {outlook.limits}', outlook.remedy)
     return decision
 
 

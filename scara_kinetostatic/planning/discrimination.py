@@ -286,11 +286,11 @@ class Decision(NamedTuple):
     """What decides.
 
     Attributes:
-        told: in words and figures.
+        outlook: in words and figures.
         chosen: places of the touches among the candidates, the most decisive first.
     """
 
-    told: Discrimination
+    outlook: Discrimination
     chosen: list[int]
 
 

@@ -385,11 +385,11 @@ class Planner:
         """The first so many of the touches that decide most."""
         return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
 
-    def _left(self, told: Forecast) -> float:
+    def _left(self, outlook: Forecast) -> float:
         """What is left of the part of the choice."""
-        if self.rivals is None or told.decided >= 0.5:
+        if self.rivals is None or outlook.decided >= 0.5:
             return 0.0
-        doubt = (1 - told.probability) / max(1 - float(self.rivals.probability.max()), 1e-9)
+        doubt = (1 - outlook.probability) / max(1 - float(self.rivals.probability.max()), 1e-9)
         return self.choice * min(doubt, 1.0) ** 0.5
 
     def _arranged(
@@ -455,7 +455,7 @@ def discrimination_of(evidence: Evidence) -> Discrimination | None:
         found = Planner.of_evidence(evidence).decision()
     except ScaraKinetostaticError:  # nothing can be touched
         return None
-    return None if found is None else found.told
+    return None if found is None else found.outlook
 
 
 def _is_size(effect: Effect) -> Mask:

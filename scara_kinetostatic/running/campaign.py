@@ -359,9 +359,9 @@ def calibrated(
     unexplained, decision = outcome.verdict == 'unexplained', None
     if outcome.verdict == 'ambiguous' and now is not None and now < np.inf:
         decision = planner.decision()
-    told = decision.told if decision else None
-    undecided = f'{told.causes}; {told.action}' if told else ''
-    is_worth = decides and told is not None and told.is_decisive
+    outlook = decision.outlook if decision else None
+    undecided = f'{outlook.causes}; {outlook.action}' if outlook else ''
+    is_worth = decides and outlook is not None and outlook.is_decisive
     planned = planner.discriminating(decision, _FEW) if decision and is_worth else planner.accurate(_FEW)
     return Knowledge(planner, planned, now, grade, text, verdict, is_worth, unexplained, undecided)
 

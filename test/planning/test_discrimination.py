@@ -79,8 +79,10 @@ def test_the_forecast_goes_from_what_is_known_to_certainty(normal):
     rows = np.random.default_rng(3).normal(size=(4, 5))
     assert normal.forecast(0.0 * rows) == (pytest.approx(0.6), 0.0)
     same = normal._replace(covariance=normal.covariance[:1].repeat(3, axis=0))
-    told = [same.forecast(np.linalg.cholesky(np.linalg.inv(same.covariance[0])).T * size) for size in (0.0, 0.5, 1e3)]
-    assert told[0].probability < told[1].probability <= told[2].probability + 1e-9
+    outlook = [
+        same.forecast(np.linalg.cholesky(np.linalg.inv(same.covariance[0])).T * size) for size in (0.0, 0.5, 1e3)
+    ]
+    assert outlook[0].probability < outlook[1].probability <= outlook[2].probability + 1e-9
     sharp = same._replace(covariance=1e-6 * same.covariance)
     assert sharp.forecast(1e3 * rows) == (pytest.approx(1.0), pytest.approx(1.0))
     # more rows than values say what their information says
@@ -106,29 +108,29 @@ def test_touches_that_decide_tell_more_than_those_for_accuracy(gain):
     planner = Planner.of_outcome(gain)
     rivals, decision = planner.rivals, planner.decision()
     accurate = rivals.forecast(planner._rows[choose(planner.candidates, 12)])
-    assert decision.told.is_decisive
-    assert decision.told.expected > accurate.probability + 0.01 > decision.told.now
-    assert decision.told.limit > decision.told.expected - 0.01
+    assert decision.outlook.is_decisive
+    assert decision.outlook.expected > accurate.probability + 0.01 > decision.outlook.now
+    assert decision.outlook.limit > decision.outlook.expected - 0.01
     planned = planner.discriminating(decision, 4)
     assert len(planned.plan) == 4
     first = planner.candidates.plan.select(np.array(decision.chosen[:4])).titles(LIMITED)
-    assert sorted(planned.plan.titles(LIMITED)) == sorted(first) == sorted(decision.told.touches[:4])
+    assert sorted(planned.plan.titles(LIMITED)) == sorted(first) == sorted(decision.outlook.touches[:4])
 
 
 def test_report_and_plan_say_the_same(gain):
-    told, decision = gain.discrimination, Planner.of_outcome(gain).decision()
-    assert told == decision.told
-    assert any(told.forecast in action for action in gain.assessment.actions)
+    outlook, decision = gain.discrimination, Planner.of_outcome(gain).decision()
+    assert outlook == decision.outlook
+    assert any(outlook.forecast in action for action in gain.assessment.actions)
     for text in (text_report(gain), html_text(gain)):
-        assert told.touches[0] in text and told.forecast in text
+        assert outlook.touches[0] in text and outlook.forecast in text
 
 
 def test_between_discs_alone_touches_hardly_decide_and_it_is_said_what_does(displaced):
     assert displaced.verdict == 'ambiguous'
-    told = displaced.discrimination
-    assert not told.is_decisive
-    assert told.remedies[0].startswith('measure the place of disc_')
-    assert any(told.limits in action and told.remedies[0] in action for action in displaced.assessment.actions)
+    outlook = displaced.discrimination
+    assert not outlook.is_decisive
+    assert outlook.remedies[0].startswith('measure the place of disc_')
+    assert any(outlook.limits in action and outlook.remedies[0] in action for action in displaced.assessment.actions)
     rivals = Rivals.of(displaced.final)
     places = [effect(f'object_position[{disc.name}]') for disc in KNOWN.discs]
     rows = np.concatenate([rivals._sizes(one) for one in places])
