@@ -214,7 +214,7 @@ def decided(number: int, first: int) -> dict[str, float] | None:
         except ScaraKinetostaticError:
             right = False
         result[name] = right
-    return result | {'foreseen': decision.told.expected, 'before': decision.told.now}
+    return result | {'foreseen': decision.outlook.expected, 'before': decision.outlook.now}
 
 
 def decide(cells: int, first: int) -> dict[str, object]:

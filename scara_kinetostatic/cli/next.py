@@ -148,6 +148,8 @@ def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
     if not limit:
         return False
     remedy = 'reduce that, or allow a larger tolerance; --touches N plans touches all the same'
+    if planner.rivals is not None:
+        remedy += '; --goal decide says what decides between the possible causes'
     if planner.touches is None:
         raise UnsupportedDataError(limit, remedy)
     print(f'touches are not the limit: {limit}; {remedy}')
