@@ -10,6 +10,7 @@ import pytest
 from diagnosis.simulated import CELL, NOISE, effect
 
 from scara_kinetostatic.diagnosis.search import FOUND
+from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -19,6 +20,7 @@ from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.prediction import Robot, exact_plan
 from scara_kinetostatic.results.report import html_text, text_report
+from scara_kinetostatic.running.campaign import calibrated
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -123,6 +125,13 @@ def test_report_and_plan_say_the_same(gain):
     assert any(outlook.forecast in action for action in gain.assessment.actions)
     for text in (text_report(gain), html_text(gain)):
         assert outlook.touches[0] in text and outlook.forecast in text
+
+
+def test_a_run_makes_them(gain):
+    found = calibrated(LIMITED, gain.final.touches, Planner(nominal_arm(LIMITED)), (), True)
+    assert found.discriminating
+    assert sorted(found.planned.plan.titles(LIMITED)) == sorted(gain.discrimination.touches[:4])
+    assert found.undecided.startswith('encoder_gain[joint1] (')
 
 
 def test_between_discs_alone_touches_hardly_decide_and_it_is_said_what_does(displaced):
