@@ -45,7 +45,7 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import prepare_candidates
-from scara_kinetostatic.planning.planner import Planner, known_or_infinite
+from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import next_files
 from scara_kinetostatic.simulation.plan import Plan
@@ -176,7 +176,7 @@ def joined(made: TouchSet, more: TouchSet) -> TouchSet:
     return TouchSet.concatenate([made, later.replace(time=more.time + made.time.max() + 10.0)])
 
 
-def decided(number: int, first: int) -> dict[str, bool] | None:
+def decided(number: int, first: int) -> dict[str, float] | None:
     """Whether twelve more touches decide, after a first few that leave one effect with rivals; None where they do not.
 
     Args:
@@ -196,20 +196,16 @@ def decided(number: int, first: int) -> dict[str, bool] | None:
         outcome = calibrate_touches(made, cell)
     except ScaraKinetostaticError:
         return None
-    found, tip = outcome.diagnosis, outcome.tip_uncertainty
-    if found.verdict != 'ambiguous' or not found.discriminating:
+    planner, result = Planner.of_outcome(outcome), dict[str, float]()
+    decision = planner.decision() if outcome.verdict == 'ambiguous' else None
+    if decision is None:
         return None
-    doubtful = {item.effect.label for item in found.found if not item.is_found}
-    suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-    used = outcome.final.touches.select(outcome.final.used)
-    planner = Planner(outcome.arm, known_or_infinite(tip.worst, tip.undetermined), used, suspected)
     ways: dict[str, Callable[[], Plan]] = {
-        'decide': lambda: planner.discriminating(12).plan,
+        'decide': lambda: planner.discriminating(decision, 12).plan,
         'accuracy': lambda: planner.accurate(12).plan,
         'tip alone': lambda: replace(planner, suspected=frozenset()).accurate(12).plan,
         'even': lambda: even_plan,
     }
-    result = {}
     for name, plan in ways.items():
         try:
             more = simulate_touches(cell, truth, plan(), seed=number + 1000)
@@ -218,11 +214,13 @@ def decided(number: int, first: int) -> dict[str, bool] | None:
         except ScaraKinetostaticError:
             right = False
         result[name] = right
-    return result
+    return result | {'foreseen': decision.outlook.expected, 'before': decision.outlook.now}
 
 
 def decide(cells: int, first: int) -> dict[str, object]:
-    """In how many of the cells whose first touches leave rivals twelve more name the one effect that is there."""
+    """In how many of the cells whose first touches leave rivals twelve more name the one effect that is there; the sums
+    of the probabilities of the likeliest set, before and as foreseen.
+    """
     rows = [row for number in range(first, first + cells) if (row := decided(number, 14)) is not None]
     return {'with rivals': len(rows), **{name: sum(row[name] for row in rows) for name in rows[0]}}
 

@@ -26,6 +26,7 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.planning.planner import discrimination_of
 from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
 
@@ -233,6 +234,7 @@ def calibrate_touches(
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
         sequence_known=detection.sequence_known,
         check=check,
+        discriminate=discrimination_of,
         sources=tuple(map(str, sources)),
     )
 

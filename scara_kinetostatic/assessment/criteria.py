@@ -221,7 +221,8 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
         groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
         holds = 'parameters and uncertainties are valid whichever it is, the size of a cause only if it is the true one'
         reason = f'a model error was corrected; its cause is not determined: {groups}; {holds}'
-        yield Remark(Grade.CAUTION, reason, to_discriminate(d))
+        found = evidence.discrimination
+        yield Remark(Grade.CAUTION, reason, found.action if found else '')
 
 
 def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
@@ -417,7 +418,7 @@ def advice(evidence: Evidence) -> str:
     items = max(kinds.values(), key=lambda alike: sum(item.tip**2 for item in alike))
     largest, d = max(items, key=lambda item: item.tip), evidence.diagnosis
     if largest.kind == RIVALS:
-        return 'make the touches that tell the possible causes apart: the choice among them dominates'
+        return 'tell the possible causes apart: the choice among them dominates'
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
@@ -430,14 +431,6 @@ def advice(evidence: Evidence) -> str:
     others = COVERAGE_FACTOR * math.hypot(*(item.tip for item in evidence.budget if item.kind != largest.kind))
     without = f'without that error the tip is known there to {quantity(others, "m")} (k = 2)'
     return f'determine the {every.title} more accurately: {without}'
-
-
-def to_discriminate(d: Diagnosis) -> str:
-    """What tells rivals apart: touches or, where no touch would, another measurement; empty if nothing is known."""
-    effects = d.effects_by_label()
-    labels = [label for group in d.rivals for label in group[:4] if label in effects]
-    touches = dict.fromkeys(effects[label].identified_by for label in labels)
-    return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
 
 
 CRITERIA = (

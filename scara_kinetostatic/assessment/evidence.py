@@ -17,6 +17,7 @@ With λ = 1 the touch is fitted whatever it measured: nothing checks it, and wit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -32,10 +33,12 @@ from scara_kinetostatic.calibration.prior_knowledge import Assumed, assumed_plac
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
-from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
+from scara_kinetostatic.calibration.uncertainty_budget import Item, title_of, uncertainty_budget
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
+from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.threads import one_thread
@@ -127,6 +130,79 @@ def leverages(calibration: Calibration) -> Floats:
     return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))
 
 
+class Discrimination(NamedTuple):
+    """What decides between the sets of effects that may be gross.
+
+    Attributes:
+        odds: the sets, as labels, with their probabilities.
+        touches: those that decide most, in words.
+        now: probability of the likeliest set.
+        expected: the same after these touches, on average.
+        many: a large number of touches.
+        limit: the same after so many, evenly distributed.
+        remedies: what would decide where touches do not, in the imperative.
+    """
+
+    odds: tuple[tuple[tuple[str, ...], float], ...]
+    touches: tuple[str, ...]
+    now: float
+    expected: float
+    many: int
+    limit: float
+    remedies: tuple[str, ...]
+
+    @property
+    def is_decisive(self) -> bool:
+        """Whether touches are worth making: these take away half of the doubt, or a few percent, and many decide."""
+        return self.limit >= FOUND and self.expected >= min(self.now + _WORTH, (1 + self.now) / 2)
+
+    @property
+    def forecast(self) -> str:
+        """``12 touches: 97 → 99.9 %``."""
+        return f'{len(self.touches)} touches: {percent(self.now)} → {percent(self.expected)} %'
+
+    @property
+    def causes(self) -> str:
+        """The sets with their probabilities: ``place of disc_2 (93 %) or place of disc_1 (7 %)``."""
+        names = {UNNAMED: 'something else'}
+        sets = (
+            (' and '.join(names.get(label) or title_of(label) for label in labels) or 'no gross error', probability)
+            for labels, probability in self.odds
+            if probability >= _NAMED
+        )
+        return ' or '.join(f'{title} ({percent(probability)} %)' for title, probability in sets)
+
+    @property
+    def limits(self) -> str:
+        """That touches do not decide, and where they end."""
+        return f'touches hardly decide: {self.forecast}, {self.many} end at {percent(self.limit)} %'
+
+    @property
+    def remedy(self) -> str:
+        """What decides where touches do not, in the imperative."""
+        return '; or '.join(self.remedies) or 'change the cell: no single measurement of it decides either'
+
+    @property
+    def action(self) -> str:
+        """What to do."""
+        if self.is_decisive:
+            return f'to tell the causes apart, make the touches of `next --goal decide`: {self.forecast}'
+        return f'to tell the causes apart, {self.remedy}; {self.limits}'
+
+
+_WORTH = 0.03
+"""Gain in the probability of the likeliest set for which touches are worth making."""
+
+
+_NAMED = 0.005
+"""Probability from which on a set is named."""
+
+
+def percent(probability: float) -> str:
+    """A probability in percent, not rounded to certainty."""
+    return f'{100 * probability:.0f}' if probability < 0.985 else f'{min(100 * probability, 99.9):.1f}'
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence:
     """A calibration with all that speaks for or against its use; what follows is worked out once, when first read.
@@ -141,6 +217,7 @@ class Evidence:
         first_touches: number of the first touch of each recording.
         sequence_known: whether the order in time of the recordings is known.
         check: what the touches said of the cell before the fit; None where they were not asked.
+        discriminate: works out what decides between sets of effects; None where nobody can.
     """
 
     calibration: Calibration
@@ -152,6 +229,13 @@ class Evidence:
     first_touches: tuple[int, ...] = (0,)
     sequence_known: bool = True
     check: Check | None = None
+    discriminate: Callable[[Evidence], Discrimination | None] | None = None
+
+    @cached_property
+    @one_thread
+    def discrimination(self) -> Discrimination | None:
+        """What decides between the sets of effects that may be gross; None where there are no two."""
+        return None if self.discriminate is None else self.discriminate(self)
 
     @property
     def final(self) -> Calibration:

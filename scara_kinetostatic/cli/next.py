@@ -9,8 +9,9 @@ tolerance is reached, or more touches do not reach it, and then what limits.
 Writes next.csv (the touches), plan.yaml (for simulate) and program.csv: every
 step of the robot. Its hold lasts touch.hold of the cell.
 
---goal decide plans the touches that decide between effects that the recordings
-do not distinguish.
+--goal decide plans the touches that decide between causes that the recordings
+do not distinguish, and says how likely the likeliest is expected to be then;
+where touches hardly decide, what does.
 
 Example:
   scara-kinetostatic next --cell cell.yaml --out first
@@ -29,10 +30,8 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.planning.discrimination import Decision
     from scara_kinetostatic.planning.planner import PlannedTouches, Planner
-
-USUAL_NUMBER = 12
-"""Touches that are planned unless told."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('bags', 'BAG', Path, 'touches that were made: recordings, or touch tables (.csv)', {'nargs': '*'}),
         ('--cell', 'FILE', Path, 'cell description, with robot.limits', {'required': True}),
         ('--calibration', 'FILE', Path, 'calibration.json: its model; without a BAG its touches count, too'),
-        ('--touches', 'N', whole(1), f'how many (default: {USUAL_NUMBER}, none where it is enough)'),
+        ('--touches', 'N', whole(1), 'how many (default: 12, none where it is enough)'),
         ('--goal', '', ('accuracy', 'decide'), 'what for (default: accuracy)', {'default': 'accuracy'}),
     )
     add_results(parser, files='next.csv, plan.yaml, program.csv', required=True, json=False)
@@ -56,6 +55,7 @@ def run(args: argparse.Namespace) -> None:
         UnsupportedDataError: no touch can be reached, the tolerance is out of reach, or nothing is to be decided.
     """
     from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.planning.planner import USUAL_NUMBER
     from scara_kinetostatic.planning.program import next_files
 
     cell = load_cell(args.cell)
@@ -67,21 +67,34 @@ def run(args: argparse.Namespace) -> None:
         planner, found = _known(args, cell)
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
-        if args.goal == 'decide':
-            if found is None:
-                raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
-            if not planner.suspected:
-                what = f'--goal decide: nothing is to be decided: {found.verdict}'
-                raise UnsupportedDataError(what, found.advice or 'leave out --goal decide')
-            planned = planner.discriminating(number)
-        else:
-            planned = planner.accurate(number)
+        decision = _decision(planner, found, number) if args.goal == 'decide' else None
+        planned = planner.discriminating(decision, number) if decision else planner.accurate(number)
         files = next_files(planner, planned)
     if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
         return
-    print_result(_summary(planner, planned), args.out, files)
+    text = _summary(planner, planned)
+    if decision is not None:
+        text += f'\npossible causes: {decision.outlook.causes}; the likeliest: {decision.outlook.forecast}'
+    print_result(text, args.out, files)
     for text in planned.left_out:
         note(text)
+
+
+def _decision(planner: Planner, found: Diagnosis | None, number: int) -> Decision:
+    """The touches that decide.
+
+    Raises:
+        UnsupportedDataError: nothing is to be decided, or no touches decide it.
+    """
+    if found is None:
+        raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
+    decision = planner.decision(number)
+    if decision is None:
+        what = f'--goal decide: nothing is to be decided: {found.verdict}'
+        raise UnsupportedDataError(what, found.advice or 'leave out --goal decide')
+    if not (outlook := decision.outlook).is_decisive:
+        raise UnsupportedDataError(f'--goal decide: {outlook.causes}: {outlook.limits}', outlook.remedy)
+    return decision
 
 
 def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | None]:
@@ -135,6 +148,8 @@ def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
     if not limit:
         return False
     remedy = 'reduce that, or allow a larger tolerance; --touches N plans touches all the same'
+    if planner.rivals is not None:
+        remedy += '; --goal decide says what decides between the possible causes'
     if planner.touches is None:
         raise UnsupportedDataError(limit, remedy)
     print(f'touches are not the limit: {limit}; {remedy}')

@@ -13,7 +13,6 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found
 from scara_kinetostatic.diagnosis.search import Moment
-from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
@@ -100,11 +99,7 @@ def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
 
 
 def open_questions(
-    verdict: str,
-    found: Sequence[Found],
-    rivals: Sequence[Sequence[str]],
-    remaining: Sequence[Dependence],
-    known: Sequence[Effect],
+    verdict: str, found: Sequence[Found], rivals: Sequence[Sequence[str]], remaining: Sequence[Dependence]
 ) -> str:
     """What the extended model leaves open: rivals, fitted curves, lack of fit.
 
@@ -113,24 +108,12 @@ def open_questions(
         found: the effects of the extended model.
         rivals: labels of effects that the touches cannot distinguish.
         remaining: what the residual of the extended model depends on.
-        known: the catalogue.
     """
     return joined(
-        *_distinguish(rivals, known),
+        *(f'these touches cannot distinguish {_enumerated(group)}' for group in rivals),
         *(_about_curve(item) for item in found if not item.effect.is_physical),
         _remaining(verdict, found, remaining),
     )
-
-
-def _distinguish(rivals: Sequence[Sequence[str]], known: Sequence[Effect]) -> list[str]:
-    """Which rivals there are, and which touches would distinguish them."""
-    by_label = {effect.label: effect for effect in known}
-    sentences = []
-    for group in rivals:
-        touches = dict.fromkeys(by_label[label].identified_by for label in group[:_MOST_NAMES] if label in by_label)
-        text = f'these touches cannot distinguish {_enumerated(group)}'
-        sentences.append(f'{text}; to discriminate, record {"; or ".join(touches)}' if touches else text)
-    return sentences
 
 
 def _about_curve(item: Found) -> str:

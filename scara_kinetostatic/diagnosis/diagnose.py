@@ -277,7 +277,7 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
         ranking=found.weighed.ranking(roles),
         advice=advice.joined(
             advice.moments(effects, when),
-            advice.open_questions(verdict, effects, rivals, after.dependences, known),
+            advice.open_questions(verdict, effects, rivals, after.dependences),
             advice.large_noise(fit),
         ),
     )

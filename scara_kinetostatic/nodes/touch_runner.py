@@ -9,7 +9,8 @@ and why is on `~/state`, the place of the next contact on `~/next_touch`, its x 
 
 The recording is that of the collector: a touch that was counted is on the disk. At the end it is calibrated in a
 process of its own, into the folder `calibration` in `output`. With `exit_when_done` the node ends then, with status 0
-where the tolerance is reached or touches are not the limit, 1 where it gave up, 3 where it was stopped.
+where the tolerance is reached, or more touches do not help and the result may be used, 1 where it gave up or the result
+is unfit, 3 where it was stopped.
 
 What may pass by itself, as a controller that is not active or a sensor that is silent, is waited for in each touch, for
 `patience` at most. Before the run the sensor is set to zero by `sensor.zero_service`, where the cell names one.

@@ -12,13 +12,15 @@ with a form, as a frequency, in its typical form. So touches are spread enough t
 The variance of the sizes that are suspected counts as much as that of the tip, both in what they are now: an effect
 that does not move the tip, as a disc elsewhere, is decided, too.
 
-**Rivals** are decided by the touches that lower the variance of their sizes, in a model with all of them, most.
+**Rivals** are decided by the touches of `planning.discrimination`. What the choice between them contributes to the
+uncertainty of the tip is predicted to go with the probability that is left to the less likely ones, to nothing where
+one is likely to reach 95 %.
 
 **Enough** is said where the expanded uncertainty (k = 2) of the tip is at most the tolerance all over the region, or
 where `MOST_TOUCHES` more would not bring it there: then what the cell declares as uncertain is the limit.
 
-Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-optimality), 20
-(discrimination by a common model) and 21 (compound criteria).
+Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-optimality) and
+21 (compound criteria).
 """
 
 from __future__ import annotations
@@ -32,12 +34,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -53,9 +56,9 @@ from scara_kinetostatic.planning.candidate_touches import (
     candidate_plan,
     choose,
     declared_rows,
-    largest_variance,
     prepare_candidates,
 )
+from scara_kinetostatic.planning.discrimination import Decision, Forecast, Rivals, decide
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, short_order
 from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
@@ -64,6 +67,8 @@ UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
 gain hardly more than even ones; from a hundredth to a tenth as many effects are found.
 """
+USUAL_NUMBER = 12
+"""Touches that are planned unless told."""
 _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 
@@ -144,6 +149,8 @@ class Planner:
         suspected: labels of the effects that the diagnosis suspects and has not decided about.
         given_up: places that are not to be touched: disc, direction from its centre, rad, and posture of each.
         undetected: the part of `now` that effects not detected or not decided contribute, m.
+        rivals: the sets of effects that may be gross; None where there are no two.
+        choice: the part of `now` that the choice between these contributes, m.
         sizes: of the undetected effects by label, in their typical size, as the mixed model has them.
         limit: the largest part of `now`, in words.
     """
@@ -156,30 +163,41 @@ class Planner:
     undetected: float = 0.0
     sizes: Mapping[str, float] = field(default_factory=dict)
     limit: str = 'not known'
+    rivals: Rivals | None = None
+    choice: float = 0.0
 
     @classmethod
     def of_outcome(cls, outcome: Outcome, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
         """What a calibration knows, and its touches."""
+        return replace(cls.of_evidence(outcome, given_up), arm=outcome.arm)
+
+    @classmethod
+    def of_evidence(cls, outcome: Evidence, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
+        """The same before it is assessed."""
         found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
         doubtful = {item.effect.label for item in found.found if not item.is_found}
         now = known_or_infinite(tip.worst, tip.undetermined)
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-        undetected = undetected_part({item.label: item.tip for item in outcome.budget})
+        of_tip = {item.label: item.tip for item in outcome.budget}
+        rivals = None if found.verdict == 'none' else Rivals.of(final)
+        choice = 0.0 if rivals is None else COVERAGE_FACTOR * float(np.nan_to_num(of_tip.pop(RIVALS, 0.0)))
+        undetected = undetected_part(of_tip)
         sizes = dict[str, float]()
         if final.random is not None:
             for column, size in zip(final.random.columns, final.random.size, strict=True):
                 part, label = size / abs(column.effect.typical[column.parameter]), column.effect.label
                 sizes[label] = max(part, sizes.get(label, 0.0))
         limit = max(outcome.budget, key=lambda item: np.nan_to_num(item.tip)).title
-        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up, undetected, sizes, limit)
+        touches = final.touches.select(final.used)
+        return cls(final.arm, now, touches, suspected, given_up, undetected, sizes, limit, rivals, choice)
 
     @cached_property
     def robot(self) -> Robot:
         """The robot, its effects those found and those undecided."""
         model, cell = self.arm.model, self.arm.cell
         own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
-        declared = Robot.of(cell).declared
-        known = {effect.label for effect in own} | set(declared.places if declared else ())
+        declared, labels = Robot.of(cell).declared, {effect.label for effect in own}
+        known = labels | (set(declared.places if declared else ()) - self.suspected)  # declared, but rather a mistake
         lasting = (effect for effect in catalogue(cell) if effect.is_physical and not effect.is_stepwise)
         undecided = [effect for effect in lasting if effect.label not in known]
         effects = (*own, *undecided)
@@ -300,6 +318,8 @@ class Planner:
         cell, levels = self.arm.cell, np.unique(np.linspace(*self.arm.cell.touch.force, 3)).tolist()
         anywhere = replace(self.robot, cell=replace(cell, limits=None))  # `problems` tells what they exclude
         every = candidate_plan(anywhere, levels, per_disc=24, preload=PRELOAD)
+        if cell.limits is None:
+            return every, []
         problems = np.array(self.problems(every))
         excluded: Mask = problems != ''
         if excluded.all():
@@ -347,18 +367,30 @@ class Planner:
         """
         return self._arranged(self.candidates, choose(self.candidates, number))
 
-    def discriminating(self, number: int) -> PlannedTouches:
-        """So many touches that decide about what is suspected, as between rivals.
+    @cached_property
+    def _rows(self) -> Floats:
+        """Derivatives of the candidates by all values of the rivals, (n, 2, v)."""
+        assert self.rivals is not None
+        return self.rivals.rows(self._candidates[0])
+
+    def decision(self, number: int = USUAL_NUMBER) -> Decision | None:
+        """The touches that decide between the rivals, and what does where these do not; None where there are none.
 
         Raises:
-            UnsupportedDataError: none can be reached; or more touches hardly decide.
+            UnsupportedDataError: no touch can be reached.
         """
-        # 0.99: of the variance of what is suspected; in simulated cells a dozen touches left 0.5 to 0.8
-        candidates = self.candidates.counting(self._in_doubt, 1.0) if len(self._in_doubt) else self.candidates
-        chosen = choose(candidates, number)
-        if not len(self._in_doubt) or largest_variance(candidates, chosen) > 0.99:
-            raise UnsupportedDataError('more touches hardly decide about what is suspected', 'change the cell')
-        return self._arranged(candidates, chosen, self._in_doubt)
+        return None if self.rivals is None else decide(self.rivals, self._candidates[0], self._rows, number)
+
+    def discriminating(self, decision: Decision, number: int) -> PlannedTouches:
+        """The first so many of the touches that decide most."""
+        return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
+
+    def _left(self, outlook: Forecast) -> float:
+        """What is left of the part of the choice."""
+        if self.rivals is None or outlook.decided >= 0.5:
+            return 0.0
+        doubt = (1 - outlook.probability) / max(1 - float(self.rivals.probability.max()), 1e-9)
+        return self.choice * min(doubt, 1.0) ** 0.5
 
     def _arranged(
         self, candidates: CandidateTouches, chosen: list[int], decided: Indices | None = None
@@ -387,12 +419,19 @@ class Planner:
         before, after = (self._largest(covariance(made)[:count, :count]) for made in (self.candidates.prior, together))
         ratio, undetected = 1.0, 0.0
         if self.now is not None and np.isfinite(self.now):
-            ratio, undetected = np.sqrt(max(self.now**2 - self.undetected**2, 0.0)) / before, self.undetected
+            apart = self.undetected**2 + self.choice**2
+            ratio, undetected = np.sqrt(max(self.now**2 - apart, 0.0)) / before, self.undetected
         parts = contributions(least, count, self.robot.declared, self._tip)
         limit = max(parts, key=lambda kind: parts[kind])
         share = parts[limit] ** 2 / sum(part**2 for part in parts.values())
-        planned = float(np.hypot(ratio * after, undetected))
-        return Uncertainty(self.now, planned, ratio * self._largest(own), limit, share, undetected)
+        planned, many = float(np.hypot(ratio * after, undetected)), ratio * self._largest(own)
+        if self.rivals is not None:
+            planned = float(np.hypot(planned, self._left(self.rivals.forecast(self._rows[chosen]))))
+            left, alone = self._left(self.rivals.many(self._rows, chosen)), many
+            many = float(np.hypot(alone, left))
+            if left > alone:
+                limit, share = 'the choice between possible causes', (left / many) ** 2
+        return Uncertainty(self.now, planned, many, limit, share, undetected)
 
     def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""
@@ -408,6 +447,15 @@ class Planner:
             preload = f', preload {100 * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
             found.append(f'{verb} {names[best].rpartition(".")[0] or names[best]}{preload}')
         return found
+
+
+def discrimination_of(evidence: Evidence) -> Discrimination | None:
+    """What decides between the sets of effects of a calibration, within reach; None where nothing is to be decided."""
+    try:
+        found = Planner.of_evidence(evidence).decision()
+    except ScaraKinetostaticError:  # nothing can be touched
+        return None
+    return None if found is None else found.outlook
 
 
 def _is_size(effect: Effect) -> Mask:

@@ -31,7 +31,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import UNDETECTED, DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import UNDETECTED, DeclaredErrors, RandomEffects
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import group_names, scales_of, unidentifiable_directions
@@ -42,6 +42,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import NOISE, uncertainty
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.undetected import Column
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
@@ -69,7 +70,9 @@ class Robot:
         effects: effects that are estimated along with L̄.
         effect_values: their values, as in `ExtendedModel`.
         effect_sizes: plausible size of each of these values, (k,), in its unit: their prior.
-
+        random: columns of effects too small to be detected, errors beside the declared ones.
+        random_sizes: the standard deviation of each, (r,), in its unit.
+        time: when touches are made, after those of the calibration, s.
     """
 
     cell: Cell
@@ -79,6 +82,9 @@ class Robot:
     effects: tuple[Effect, ...] = ()
     effect_values: tuple[tuple[float, ...], ...] = ()
     effect_sizes: tuple[float, ...] = ()
+    random: tuple[Column, ...] = ()
+    random_sizes: tuple[float, ...] = ()
+    time: float = 0.0
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
@@ -228,18 +234,23 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     )
     if cell.has_outlines:
         observations = observations._replace(tangents=surfaces.tangents[surface])
-    if robot.effects or declared is not None:
+    if robot.effects or robot.random or declared is not None:
         peak, plain = (1 + plan.preload[:, None]) * pressed, TouchMetadata.plain(len(joints))
         eased = plan.preload > 0
         added = pressed - np.where(eased[:, None], peak, 0.0)
         motion = press_aside(p, joints, added, np.where(eased, -plan.aside, plan.aside))
         loaded = np.concatenate([joints - motion, eased[:, None] * peak], axis=1)[:, None]
         plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
-        metadata = (metadata or plain)._replace(surface=surface)
-        measured = reported_force(robot.model, measured, metadata)
+        metadata = (metadata or plain._replace(time=np.full(len(joints), robot.time)))._replace(surface=surface)
+        true, measured = measured, reported_force(robot.model, measured, metadata)
         observations = observations._replace(metadata=metadata, force=measured)
-    if declared is not None:
-        observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
+        if robot.random:
+            at = observations.contact_problem(joints).touch_state(p, state)
+            random = RandomEffects.at(robot.random, np.array(robot.random_sizes), at, true, {})
+            observations = observations._replace(random=random)
+        count = (0 if declared is None else declared.count) + len(robot.random)
+        if count:
+            observations = observations._replace(declared=declared, errors=np.zeros(count), reported=measured)
     point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)
     arms = np.where(has_no_sure_sign(p, torques.T).T, 0.0, np.abs(torques)) / plan.force[:, None]
     return ExactTouches(observations, point, arms)

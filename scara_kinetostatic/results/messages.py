@@ -12,7 +12,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
-from scara_kinetostatic.report import Level, Table, Verdict, sentence
+from scara_kinetostatic.report import Items, Level, Table, Verdict, sentence
 from scara_kinetostatic.report.quantities import SCALES, micrometres, p_equals, shown, unsigned_zero
 
 
@@ -62,6 +62,14 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences.append(f'Probabilities: {sets_in_words(d)}.')
     sentences.append(f'Verdict: {d.verdict}.')
     return Verdict(f'{headline}.', level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
+
+
+def touches_that_decide(outcome: Outcome) -> Items | None:
+    """Those that tell possible causes apart, with what is expected of them; None where there are none."""
+    found = outcome.discrimination if outcome.verdict == 'ambiguous' else None
+    if found is None or not found.is_decisive:
+        return None
+    return Items(found.touches, f'Touches that decide between {found.causes}, the likeliest: {found.forecast}')
 
 
 def bias(outcome: Outcome) -> str:

@@ -43,6 +43,7 @@ def text_report(outcome: Outcome) -> str:
     }
     blocks: list[Block | None] = [
         messages.verdict(outcome),
+        messages.touches_that_decide(outcome),
         messages.parameter_table(c),
         Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis.found))),
         messages.error_table(outcome.comparison),
@@ -157,7 +158,7 @@ def _map(outcome: Outcome) -> Section | None:
 
 def _diagnosis(outcome: Outcome) -> Section:
     d = outcome.diagnosis
-    blocks: list[Block] = [messages.verdict(outcome)]
+    blocks: list[Block] = [*_present([messages.verdict(outcome), messages.touches_that_decide(outcome)])]
     if outcome.final is not outcome.calibration:
         blocks += [table._replace(title=table.title.strip()) for table in messages.effect_tables(d.found)]
         these = 'this effect' if len(d.found) == 1 else 'these effects'

@@ -3,13 +3,16 @@
 The first touches are planned from the nominal model. After `FIRST` accepted ones, and after each further one, the
 touches are calibrated, while the robot makes those planned before; when they are made, the next few are planned. A
 place where touches fail is given up.
+
+Where the cause of a model error is not decided, the touches that decide are made first, as long as they are worth it.
+The run goes on while what is predicted over the possible causes, by their probabilities, promises the tolerance; else
+it ends as undecided, with what decides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -77,6 +80,7 @@ class Knowledge(NamedTuple):
         verdict: of the diagnosis, with the effects found.
         discriminating: whether the next touches decide between effects.
         is_unexplained: whether a model error is left.
+        undecided: possible causes with their probabilities, and what tells them apart; empty where there are none.
     """
 
     planner: Planner
@@ -87,13 +91,14 @@ class Knowledge(NamedTuple):
     verdict: str = ''
     discriminating: bool = False
     is_unexplained: bool = False
+    undecided: str = ''
 
 
 class End(NamedTuple):
     """Why the run ends.
 
     Attributes:
-        status: 0 tolerance reached or nothing more to gain, 1 given up.
+        status: 0 tolerance reached, or nothing more to gain and the result may be used, 1 given up.
         reason: one sentence.
         is_reached: whether it is the tolerance.
     """
@@ -162,10 +167,7 @@ class Campaign:
 
     def name(self, target: Target) -> str:
         """Of a touch, in words."""
-        disc, angle, side = target.place()
-        elbow = 'left' if side > 0 else 'right'
-        force = f'{target.plan.force[0]:.0f} N'
-        return f'{self.cell.discs[disc].name} at {np.degrees(angle) % 360:.0f}°, {elbow}, {force}'
+        return target.plan.titles(self.cell)[0]
 
     def _order(self) -> None:
         """Orders a calibration of all touches, when the former one is done."""
@@ -206,7 +208,7 @@ class Campaign:
         found = 'no calibration' if now is None else f'an expanded uncertainty of the tip of {length(now)}'
         wanted = '' if tolerance is None else f', the tolerance is {length(tolerance)}'
         text = f'; {self.knowledge.text}' if self.knowledge.text else ''
-        status = 0 if tolerance is None and now is not None else 1
+        status = 0 if tolerance is None and now is not None and self.knowledge.grade != 'unfit' else 1
         return End(status, f'{self.accepted} touches (max_touches) give {found}{wanted}{text}')
 
     def _enough(self) -> End | None:
@@ -228,7 +230,8 @@ class Campaign:
                 f'is {length(tolerance)}: a model error has no known cause; {found.verdict}'
             )
         if limit and stalled:
-            return End(0, f'touches are not the limit: {limit}')
+            what = f'undecided: {found.undecided}' if found.undecided else f'touches are not the limit: {limit}'
+            return End(int(found.grade == 'unfit'), what)
         return None
 
     def choose(self, joints: Floats, interrupted: Target | None = None) -> tuple[Target, Poses] | End | None:
@@ -349,12 +352,18 @@ def calibrated(
     verdict = f'verdict {outcome.verdict}' + (f': {effects}' if effects else '')
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
-        planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
-    if outcome.verdict == 'ambiguous' and decides and now is not None and now < np.inf:
-        with suppress(UnsupportedDataError):
-            return Knowledge(planner, planner.discriminating(_FEW), now, grade, text, verdict, True)
-    unexplained = outcome.verdict == 'unexplained'
-    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, False, unexplained)
+        known = planner
+        planner = replace(
+            former, touches=known.touches, suspected=known.suspected, rivals=known.rivals, given_up=given_up
+        )
+    unexplained, decision = outcome.verdict == 'unexplained', None
+    if outcome.verdict == 'ambiguous' and now is not None and now < np.inf:
+        decision = planner.decision()
+    outlook = decision.outlook if decision else None
+    undecided = f'{outlook.causes}; {outlook.action}' if outlook else ''
+    is_worth = decides and outlook is not None and outlook.is_decisive
+    planned = planner.discriminating(decision, _FEW) if decision and is_worth else planner.accurate(_FEW)
+    return Knowledge(planner, planned, now, grade, text, verdict, is_worth, unexplained, undecided)
 
 
 def _targets(planned: PlannedTouches) -> list[Target]:

@@ -134,6 +134,14 @@ class Plan:
         """
         return drag(self.angle, self.posture)
 
+    def titles(self, cell: Cell) -> list[str]:
+        """Each touch in words: ``disc_1 at 30°, left, 25 N``."""
+        places = zip(self.disc.tolist(), np.degrees(self.angle) % 360, self.posture, self.force, strict=True)
+        return [
+            f'{cell.discs[disc].name} at {angle:.0f}°, {"left" if side > 0 else "right"}, {force:.0f} N'
+            for disc, angle, side, force in places
+        ]
+
     def select(self, which: Mask | Indices) -> Plan:
         """The touches that a mask or an array of positions picks."""
         return Plan(**{item.name: getattr(self, item.name)[which] for item in fields(self)})

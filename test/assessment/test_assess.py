@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scara_kinetostatic.assessment.evidence import leverages
+from scara_kinetostatic.assessment.evidence import Discrimination, leverages
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -181,11 +181,16 @@ def test_touches_that_would_not_help_are_not_advised() -> None:
     effects = [ObjectRadius.of(0, 'disc_1'), ObjectRadius.of(1, 'disc_2')]
     rivals = (tuple(effect.label for effect in effects),)
     d = Diagnosis('ambiguous', 1e-9, tuple(Found(effect, (), False) for effect in effects), rivals)
-    actions = replace(good(), diagnosis=d).assessment.actions
-    assert actions[0].startswith('to tell the causes apart, record touches of two or more discs')
-    actions = replace(good(), diagnosis=replace(d, discriminating=())).assessment.actions
-    assert actions[0].endswith("SI), such as by --fix 'object_radius[disc_1].radius=VALUE'")
-    assert 'record' not in ' '.join(actions)
+    odds = (((effects[0].label,), 0.97), ((effects[1].label,), 0.03))
+    outlook = Discrimination(odds, ('disc_1 at 30°, left, 20 N',) * 12, 0.97, 0.999, 200, 1.0, ())
+    actions = replace(good(), diagnosis=d, discriminate=lambda _: outlook).assessment.actions
+    decides = 'to tell the causes apart, make the touches of `next --goal decide`: 12 touches: 97 → 99.9 %'
+    assert actions[0] == decides
+    outlook = outlook._replace(expected=0.971, limit=0.98, remedies=('measure the radius of disc_1 to 5.0 µm',))
+    actions = replace(good(), diagnosis=d, discriminate=lambda _: outlook).assessment.actions
+    assert actions[0].startswith('to tell the causes apart, measure the radius of disc_1 to 5.0 µm; touches hardly')
+    assert '12 touches: 97 → 97 %, 200 end at 98 %' in actions[0]
+    assert outlook.causes == 'radius of disc_1 (97 %) or radius of disc_2 (3 %)'
 
 
 def test_one_disc_does_not_tell_where_the_tip_is() -> None:

@@ -104,7 +104,7 @@ def test_where_credible_models_dominate_they_are_to_be_told_apart(outcome: Outco
     scatter = Contribution(RIVALS, None, '', 10 * c.covariance)
     wide = replace(c, covariance=11 * c.covariance, contributions=(*c.contributions, scatter))
     found = with_tolerance(replace(outcome, calibration=wide), outcome.tip_uncertainty.worst)
-    assert found.assessment.actions[0].startswith('make the touches that tell the possible causes apart')
+    assert found.assessment.actions[0].startswith('tell the possible causes apart')
 
 
 def test_an_estimated_noise_has_a_guard_band_and_a_stated_one_none(outcome: Outcome, estimated: Calibration) -> None:

@@ -132,7 +132,6 @@ def test_discs_that_only_change_their_distance_are_rivals():
     assert found.verdict == 'ambiguous'
     assert any({'object_position[disc_3]', 'object_position[disc_1]'} <= set(group) for group in found.rivals)
     assert not any(item.in_every_model for item in found.found)
-    assert 'No touch on these discs' in found.advice
     check_parameters(found)
 
 

@@ -467,6 +467,29 @@ def test_so_many_touches_decide_between_effects_and_no_more():
     assert asked == [True] * 12 + [False] * 10
 
 
+@pytest.mark.parametrize('grade', ['caution', 'unfit'])
+def test_a_run_whose_touches_do_not_decide_ends_as_undecided(grade):
+    undecided = 'place of disc_2 (93 %) or place of disc_1 (7 %); to tell the causes apart, measure the place of disc_2'
+
+    def work(_: object, cell: Cell, touches: TouchSet, former: Planner, *rest: object) -> Future[Any]:
+        found = Future[Any]()
+        found.set_result(Knowledge(former, planned, 1e-4, grade, verdict='ambiguous', undecided=undecided))
+        return found
+
+    campaign = Campaign(CELL, 50, None, work)
+    campaign.cell = replace(CELL, tolerance=5e-5)
+    planned = campaign.knowledge.planned
+    planned = planned._replace(uncertainty=planned.uncertainty._replace(least=6e-5))
+    touches = simulate_touches(CELL, TRUTH, default_plan(CELL, 10))
+    ends = []
+    for k in range(30):
+        campaign.accept(SimpleNamespace(touches=touches.select(np.array([k])), start=1))
+        ends.append(campaign.poll())
+    end = next(end for end in ends if end is not None)
+    assert end == End(int(grade == 'unfit'), f'undecided: {undecided}')
+    assert ends.index(end) >= 12
+
+
 def test_travel_is_one_smooth_command_and_a_contact_is_streamed():
     one = rehearsal(replace(CELL, lift=LIFT))
     sent: list[tuple[str, Command]] = []
