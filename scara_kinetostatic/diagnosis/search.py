@@ -304,6 +304,8 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
         labels: of the effects to name.
     """
     model, base = found.fit.model, replace(found.base, used=found.fit.used)
+    turned = {effect.name for effect, _, _ in fitted_effects(base) if effect.off_normal_std}
+    known = [effect for effect in known if effect.name not in turned]
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
     is_same = {effect.label for effect in found.named} == set(labels)
     for label in labels:  # rivals together would start at large values of opposite sign: at zero

@@ -95,6 +95,6 @@ def test_a_sparse_file_beside_a_recording_raises_no_limit(tmp_path):
 def test_a_covariance_has_to_be_positive_semidefinite():
     rows = np.array([[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]])
     with pytest.raises(ValueError, match=r'not positive semidefinite: the correlation has an eigenvalue -0\.8'):
-        stored_covariance(rows.tolist(), 3)
+        stored_covariance(rows.tolist(), np.ones(3, dtype=bool))
     singular = np.outer([1.0, 1e-6, 0.0], [1.0, 1e-6, 0.0])
-    np.testing.assert_array_equal(stored_covariance(singular.tolist(), 3), singular)
+    np.testing.assert_array_equal(stored_covariance(singular.tolist(), np.ones(3, dtype=bool)), singular)

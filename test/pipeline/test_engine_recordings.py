@@ -91,7 +91,7 @@ def test_what_has_rivals_is_named_alone_or_beside_them(name):
     the other, at odds that do not rule it out.
     """
     outcome, label = outcome_of(name), built_effect(name)[0]
-    assert outcome.diagnosis.p_value < 1e-6
+    assert outcome.diagnosis.p_value < 1e-4  # of 36 touches
     assert outcome.verdict in ('explained', 'ambiguous')
     labels = {item.effect.label for item in outcome.diagnosis.found}
     assert label in labels
