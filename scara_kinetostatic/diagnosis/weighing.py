@@ -176,7 +176,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
             found = np.linalg.lstsq(by_errors[:, m + own_random], gross[:, at], rcond=1e-6)[0]
             of_gross[:, at] = 0.0
             of_gross[np.ix_(size + m + own_random, at)] = found
-            if item.tried == 1:  # those of the fit are where it began
+            if not item.effect.grid_parameter:  # those of the fit are where it began
                 at = at[: len(own_random)]
                 assert c.random is not None
                 widths = (c.random.size * model.typical)[own_random] / unit[: len(at)]
