@@ -44,7 +44,7 @@ SIZES = np.geomspace(1.0, 128.0, 8)
 SCALE = 5.0
 NUMBER = np.array([0.5, 0.35, 0.1, 0.05])
 """Prior of none, one, two and three gross effects."""
-_TAUS = np.geomspace(0.2, 6.4, 6)
+_TAUS = np.geomspace(0.1, 3.2, 6)
 _UNNAMED_SHARE = 0.01
 """Prior of a single effect outside the catalogue."""
 UNDERSTATED = 0.05
