@@ -28,6 +28,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 )
 from scara_kinetostatic.diagnosis.mixed_model import (
     HEAVY_TAILS,
+    MixedModel,
     averaged,
     fit_mixed,
     with_large_effects,
@@ -158,13 +159,14 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     off_normal, implausible = off_normal_p_value(c), '; '.join(advice.implausible_noise(c) or ())
     is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
     if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
-        return _without_effects(c, Search(plain, c), known), plain.deviance
+        return _without_effects(c, Search(plain, c), fit_mixed(c, known), known), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     if found.angles or found.named:
         found = _named(found, known)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
-        if _chi_square_p_value(found.fit) >= STRICT_SIGNIFICANCE and not implausible:
-            return _without_effects(c, found, known), found.deviance
+        model = fit_mixed(c, known)
+        if _chi_square_p_value(model.fit) >= STRICT_SIGNIFICANCE and not implausible:
+            return _without_effects(c, found, model, known), found.deviance
     elif found.angles or found.named:
         return _with_extended_model(c, found, known), found.deviance
     weighed, dependences = found.weighed, find_dependences(c)
@@ -173,10 +175,10 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     refitted = _averaged(weighed, weighed.model.fit) if significant else None
     return Diagnosis(
         verdict='unexplained',
-        p_value=_p_value(found),
+        p_value=_p_value(found, found.fit),
         dependences=significant,
         remaining=significant,
-        remaining_p_value=_p_value(found),
+        remaining_p_value=_p_value(found, found.fit),
         ranking=weighed.ranking({}),
         refitted=refitted,
         probabilities=found.probabilities,
@@ -185,16 +187,15 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     ), found.deviance
 
 
-def _without_effects(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
-    """The diagnosis where nothing is shown to be missing."""
-    model = fit_mixed(c, known)
+def _without_effects(c: Calibration, found: Search, model: MixedModel, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis where nothing is shown to be missing: by a search, with the mixed model without large effects."""
     fit = model.fit
     if found.weighed.is_mixture:
         refitted: Calibration | None = _averaged(weigh(model, known), fit)
     else:
         refitted = with_large_effects(fit, model) if fit.random is not None else None
     is_small = c.noise_source == 'given' and c.p_value < SIGNIFICANCE
-    p_value = _p_value(found)
+    p_value = _p_value(found, fit)
     return Diagnosis(
         'none',
         p_value,
@@ -218,9 +219,9 @@ def _chi_square_p_value(fit: Calibration) -> float:
     return fit.p_value if fit.noise_source == 'given' else 1.0
 
 
-def _p_value(found: Search) -> float:
-    """P-value of "no effect is gross" (see `_examine`)."""
-    return min(1.0, found.none / max(1 - found.none, 1e-300), 4 * _chi_square_p_value(found.fit))
+def _p_value(found: Search, fit: Calibration) -> float:
+    """P-value of "no effect is gross" with a fit (see `_examine`)."""
+    return min(1.0, found.none / max(1 - found.none, 1e-300), 4 * _chi_square_p_value(fit))
 
 
 def _named(found: Search, known: tuple[Effect, ...]) -> Search:
@@ -265,7 +266,7 @@ def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...
     roles |= {item.effect.label: 'possible' for item in effects if item.is_possible}
     return Diagnosis(
         verdict=verdict,
-        p_value=_p_value(found),
+        p_value=_p_value(found, found.fit),
         found=effects,
         rivals=rivals,
         probabilities=found.probabilities,

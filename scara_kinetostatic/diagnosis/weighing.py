@@ -166,8 +166,8 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
             amount = np.linalg.lstsq(gross[:, at], by_effects[:, places] @ own[places], rcond=None)[0] * unit
             of_gross[:, at] = 0.0
             of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
-            if c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED:
-                continue
+            if c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or problem.is_declared(item.effect):
+                continue  # of what is declared the small part is that
             if item.effect.grid_parameter:  # small, it is where undetected effects are, not at the place found
                 beside.append(_small_part(problem, item.effect, arm))
             else:
