@@ -138,7 +138,7 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
     taken = [set[int]() for _ in scans]
     alone = [scan.best(problem, some) for scan, some in zip(scans, taken, strict=True)]
     partners = sorted([*found, *filter(None, alone)], key=lambda c: -np.sum((c.unit.T @ problem.left) ** 2))[
-        : 12 if together else 0
+        : 5 if together else 0
     ]
     for scan, some, first in zip(scans, taken, alone, strict=True):
         beside = [scan.best(problem, some, partner.unit) for partner in partners if partner.effect != scan.effect]

@@ -237,7 +237,7 @@ def _named(found: Search, known: tuple[Effect, ...]) -> Search:
         if np.sum(item.effect.amplitudes(np.ones(len(item.effect.parameters))) == 0) > bool(item.effect.grid_parameter)
     }
     wanted = [x for x in dict.fromkeys(wanted) if x in named or x not in has_phase][:_MOST_NAMED]
-    return naming(found, known, wanted)
+    return found if set(wanted) == set(named) else naming(found, known, wanted)
 
 
 def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:

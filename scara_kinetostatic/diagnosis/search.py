@@ -32,7 +32,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
@@ -175,7 +175,7 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
             alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
             if alone is not None and len(alone.touches) == len(c.touches):
-                fitted = _fit(replace(c, used=alone.used), known, alone.model, freedoms=HEAVY_TAILS)
+                fitted = _fit(replace(c, used=alone.used), known, alone.model)
         if fitted is None:
             has_curve = not all(member.effect.is_physical for member in members)
             excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
@@ -188,19 +188,13 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
     return Search(min(visited, key=lambda item: item[0])[1] if visited else weighed, c)
 
 
-def _fit(
-    c: Calibration,
-    known: Sequence[Effect],
-    start: ExtendedModel,
-    begin: MixedModel | None = None,
-    freedoms: float = LIGHT_TAILS,
-) -> MixedModel | None:
+def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> MixedModel | None:
     """The mixed model with effects named, None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
     curve must predict touches that it was not fitted to, as well as the base model does.
     """
     try:
-        model = fit_mixed(c, known, start, freedoms=freedoms, begin=begin)
+        model = fit_mixed(c, known, start)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
     fit = model.fit
@@ -223,7 +217,7 @@ def _fit_named(
     are not linear, at a quarter of the way.
     """
     starts = (start_from(problem, members, others, step) for step in (1.0, 0.25))
-    return next(filter(None, (_fit(c, known, start, freedoms=HEAVY_TAILS) for start in starts)), None)
+    return next(filter(None, (_fit(c, known, start) for start in starts)), None)
 
 
 def _name(member: Candidate) -> tuple[str, float]:
@@ -307,16 +301,13 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
     turned = {effect.name for effect, _, _ in fitted_effects(base) if effect.off_normal_std}
     known = [effect for effect in known if effect.name not in turned]
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
-    is_same = {effect.label for effect in found.named} == set(labels)
     for label in labels:  # rivals together would start at large values of opposite sign: at zero
         if label not in pairs:
             item = found.weighed.single(label)
             pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
     effects, values = zip(*(pairs[label] for label in labels), strict=True) if labels else ((), ())
-    begin = found.weighed.model if is_same else None
-    fitted = _fit(base, known, ExtendedModel(model.parameters, effects, values), begin)
-    # where steps across a kink have led it away, the fit that it began at is better
-    if fitted is None or (is_same and fitted.deviance > found.weighed.model.deviance + CREDIBLE):
+    fitted = _fit(base, known, ExtendedModel(model.parameters, effects, values))
+    if fitted is None:
         return found
     return found._replace(weighed=weigh(fitted, known))
 
