@@ -207,16 +207,13 @@ def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> Mixed
 
 
 def _fit_named(
-    c: Calibration,
-    known: Sequence[Effect],
-    problem: Problem,
-    members: Sequence[Candidate],
-    others: Sequence[Candidate] = (),
+    c: Calibration, known: Sequence[Effect], problem: Problem, members: Sequence[Candidate]
 ) -> MixedModel | None:
     """The mixed model with effects named, begun where they fit the linear problem best (`start_from`) or, as large ones
     are not linear, at a quarter of the way.
     """
-    starts = (start_from(problem, members, others, step) for step in (1.0, 0.25))
+    steps = (1.0, 0.25) if all(member.effect.is_physical for member in members) else (1.0,)  # curves are linear
+    starts = (start_from(problem, members, step) for step in steps)
     return next(filter(None, (_fit(c, known, start) for start in starts)), None)
 
 
@@ -225,15 +222,12 @@ def _name(member: Candidate) -> tuple[str, float]:
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
 
 
-def start_from(
-    problem: Problem, members: Sequence[Candidate], others: Sequence[Candidate] = (), step: float = 1.0
-) -> ExtendedModel:
+def start_from(problem: Problem, members: Sequence[Candidate], step: float = 1.0) -> ExtendedModel:
     """L̄ and effects that fit the linear problem best, to start from.
 
     Args:
         problem: the touches.
         members: the effects.
-        others: further ones, which start at zero: rivals together would start at large values of opposite sign.
         step: part of the way from a model without the effects.
     """
     columns = [problem.columns(member.trial) for member in members]
@@ -243,12 +237,10 @@ def start_from(
     projected = (together - problem.base @ (problem.base.T @ together)) / scale
     found = -step * np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
     parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
-    parts += [np.zeros(len(other.trial.columns)) for other in others]
-    every = (*members, *others)
-    values = [member.trial.values(part) for member, part in zip(every, parts, strict=True)]
+    values = [member.trial.values(part) for member, part in zip(members, parts, strict=True)]
     moved = problem.without_effects + problem.response @ together @ found
     base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
-    return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
+    return ExtendedModel(base, tuple(member.effect for member in members), tuple(map(tuple, values)))
 
 
 def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_normal: bool) -> Search:
