@@ -43,7 +43,7 @@ class Item(NamedTuple):
 
     Attributes:
         label: ``noise``, or as `declared_errors.Source` has it.
-        declared: its declared standard uncertainty; None for noise and credible models.
+        declared: its declared standard uncertainty; None for noise and what is not declared.
         unit: of `declared`.
         parameters: contribution to each of the base model, (12,), in their units; NaN where confounded.
         tip: contribution to the tip where its uncertainty is largest, in its worst direction, m; NaN if undetermined.

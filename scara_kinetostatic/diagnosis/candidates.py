@@ -102,7 +102,7 @@ class CandidateSet(NamedTuple):
     unidentifiable: tuple[Ranked, ...]
 
 
-def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -> CandidateSet:
+def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
     """The candidates among effects.
 
     An effect with many trials (an unknown frequency) is a candidate at the trial that explains
@@ -111,7 +111,6 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
     Args:
         problem: the touches.
         effects: the effects.
-        together: whether sets of several effects are compared; else the best trial of each by itself is enough.
     """
     fitted = {effect: values for effect, values, _ in fitted_effects(problem.calibration) if len(values)}
     found: list[Candidate] = []
@@ -137,9 +136,7 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
             unidentifiable.append(Ranked.unidentifiable(effect, part))
     taken = [set[int]() for _ in scans]
     alone = [scan.best(problem, some) for scan, some in zip(scans, taken, strict=True)]
-    partners = sorted([*found, *filter(None, alone)], key=lambda c: -np.sum((c.unit.T @ problem.left) ** 2))[
-        : 5 if together else 0
-    ]
+    partners = sorted([*found, *filter(None, alone)], key=lambda c: -np.sum((c.unit.T @ problem.left) ** 2))[:5]
     for scan, some, first in zip(scans, taken, alone, strict=True):
         beside = [scan.best(problem, some, partner.unit) for partner in partners if partner.effect != scan.effect]
         found += filter(None, (first, *beside))
@@ -222,11 +219,11 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     return Scan(effect, trials, columns, tried, float(part.max()), gram, left)
 
 
-def all_candidates(problem: Problem, effects: Sequence[Effect], together: bool = True) -> CandidateSet:
+def all_candidates(problem: Problem, effects: Sequence[Effect]) -> CandidateSet:
     """The catalogue and the fitted curves as candidates; arguments as of `gather`."""
     discs = [disc.name for disc in problem.calibration.cell.discs]
     curves = empirical_effects(problem.touch_state, discs, problem.one_level)
-    return gather(problem, [*effects, *curves], together)
+    return gather(problem, [*effects, *curves])
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:

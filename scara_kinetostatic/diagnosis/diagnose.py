@@ -52,10 +52,9 @@ _MOST_NAMED = 5
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
     """Test whether the base model is complete, and find what it lacks.
 
-    Assumes Gaussian noise and independent touches. The p-value is Bonferroni-corrected over all tests: the F-tests of
-    `find_dependences` and of every effect, the score test of off-normal angles, and, where the noise was given, the
-    chi-square test of the residual. Where the stated noise is too large, the noise is estimated; where the touches
-    show noise that grows with the force (`noise_structure`), with this component.
+    Assumes Gaussian noise and independent touches. The p-value is that of `_examine`. Where the stated noise is too
+    large, the noise is estimated; where the touches show noise that grows with the force (`noise_structure`), with this
+    component.
 
     Args:
         calibration: the base model.

@@ -47,8 +47,8 @@ FRICTION_SIGNIFICANCE = 2e-3
 needs none. Noise that grows with the force looks alike.
 """
 CREDIBLE = 10.0
-"""Difference of the penalised deviance beyond which a set of effects is ruled out: odds of e⁵. Very strong evidence on
-the scale of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+"""Difference of the deviance beyond which one of two fits is ruled out: odds of e⁵. Very strong evidence on the scale
+of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
 """
 INDEPENDENT_PART = 0.012
 """Part of a unit column that must be independent of the fitted parameters for an effect to be identifiable; less is
@@ -58,8 +58,6 @@ INDEPENDENT_PART_CAUTIOUS = 0.03
 """The same where all forces are alike, and of the families of functions that test for a lack of fit."""
 FORCE_LEVELS = 3.0
 """Standard deviations of the noise by which forces must scatter to be of several levels."""
-_OBJECT_ERRORS = ('object_', 'plate_')
-"""Beginning of the labels of wrong places and sizes."""
 _MOST = 1000
 """Touches among which effects are looked for at most; tests of the residual and the fit use all. More find effects of a
 typical size in 13 of 19 kinds, not 12, and take twice as long."""
@@ -83,7 +81,6 @@ class Problem(NamedTuple):
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
         jacobian: the whitened derivatives by what the touches determine of L̄, (2n, r), not multiplied by M.
         identifiable: that, (12, r).
-        declared: labels of the sources of uncertainty that the cell description declares.
     """
 
     calibration: Calibration
@@ -100,7 +97,6 @@ class Problem(NamedTuple):
     without_effects: Floats
     jacobian: Floats
     identifiable: Floats
-    declared: frozenset[str]
 
     @property
     def noise_given(self) -> bool:
@@ -120,15 +116,6 @@ class Problem(NamedTuple):
     def least_independent_part(self) -> float:
         """Part of a unit column that must be independent of the base model."""
         return INDEPENDENT_PART_CAUTIOUS if self.one_level else INDEPENDENT_PART
-
-    def is_declared(self, effect: Effect) -> bool:
-        """Whether an effect is the error of something whose uncertainty is declared: it is then larger than stated."""
-        return (effect.declared_as or effect.label) in self.declared
-
-    def is_stated(self, effect: Effect) -> bool:
-        """Whether it is the error of something declared or, beside declared objects, of one that is stated as exact."""
-        others = self.declared if effect.name.startswith(_OBJECT_ERRORS) else ()
-        return self.is_declared(effect) or any(label.startswith(_OBJECT_ERRORS) for label in others)
 
     def columns(self, *trials: Trial) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
@@ -190,7 +177,6 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
     effects = point.whitened.derivative[:, :, count:].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
     by_unit = unit_changes(equations, point.linear.by_force, point.adjusted.force)
-    declared = observations.declared
     return Problem(
         calibration=c,
         point=point,
@@ -206,7 +192,6 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
         without_effects=response @ y,
         jacobian=jacobian,
         identifiable=identifiable,
-        declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
     )
 
 
@@ -221,12 +206,13 @@ def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:
 
 
 def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`_MOST` of the used touches, drawn at random, if there are more."""
-    places = np.flatnonzero(which)
-    if len(places) <= _MOST:
+    """`_MOST` of the used touches, if there are more: the first in a random order of all, so that fits that use others
+    are compared by nearly the same ones.
+    """
+    if which.sum() <= _MOST:
         return which
-    drawn = np.zeros_like(which)
-    drawn[np.random.default_rng(0).choice(places, _MOST, replace=False)] = True
+    order, drawn = np.random.default_rng(0).permutation(len(which)), np.zeros_like(which)
+    drawn[order[which[order]][:_MOST]] = True
     return drawn
 
 

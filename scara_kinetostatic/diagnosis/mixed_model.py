@@ -567,7 +567,8 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative]) -> Calibration
 
 
 def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:
-    """A calibration at other values, and by what it moved: not at all where the model is not defined there.
+    """A calibration at other values, and by what it moved: not at all where the model is not defined there. The sum of
+    squares stays that of the fit: what a mean of several sets does not explain is no noise that enlarges a covariance.
 
     Args:
         c: the calibration.
@@ -583,14 +584,8 @@ def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:
     point = moved.projection
     if not np.isfinite(point.distance[c.used]).all():
         return c, np.zeros(len(change))
-    squares = [point.distance[c.used].sum() + np.sum(point.errors**2) for point in (point, c.projection)]
     distance = studentised(point.whitened, c.covariance_with_errors / c.enlargement, c.used)
-    moved = replace(
-        moved,
-        force=base_force(moved.observe(), moved.model),
-        standardized=np.sqrt(distance),
-        chi_square=c.chi_square + max(float(squares[0] - squares[1]), 0.0),
-    )
+    moved = replace(moved, force=base_force(moved.observe(), moved.model), standardized=np.sqrt(distance))
     return with_projection(moved, point), change
 
 

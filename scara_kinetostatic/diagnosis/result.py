@@ -42,7 +42,7 @@ class Found(NamedTuple):
     Attributes:
         effect: the effect.
         values: its parameters; of a rival, what they are if it is this one.
-        in_every_model: whether it is in every credible model; else it has rivals.
+        in_every_model: whether its inclusion is 95 % or more, or it is a fitted curve; else it has rivals.
         is_possible: whether it is a suspicion only, as the model with it is still incomplete.
     """
 
@@ -53,7 +53,7 @@ class Found(NamedTuple):
 
     @property
     def is_found(self) -> bool:
-        """Whether it is stated as found: in every credible model, and what is left is noise; or a fitted curve."""
+        """Whether it is stated as found: inclusion of 95 % or more, and what is left is noise; or a fitted curve."""
         return self.in_every_model and not self.is_possible
 
 
@@ -101,7 +101,8 @@ class Diagnosis:
 
     Attributes:
         verdict: ``none`` (nothing is missing), ``explained``, ``ambiguous`` or ``unexplained``.
-        p_value: of "the base model is complete", all tests taken together.
+        p_value: of "no effect is gross": the inverse of its Bayes factor or, where the noise is stated and less, of the
+            chi-square of the mixed model.
         found: the effects of the extended model: those found, and rivals, which are fitted together.
         rivals: effects that the data cannot distinguish, by label.
         probabilities: of all sets of effects that may be gross, the likeliest first; they add up to 1.

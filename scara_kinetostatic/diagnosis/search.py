@@ -103,7 +103,7 @@ class Search(NamedTuple):
     @property
     def inclusion(self) -> dict[str, float]:
         """The probability of each effect to be gross, by label, of at least `LEAST`."""
-        found = {label: p for label, p in self.weighed.odds.inclusion.items() if p >= LEAST}
+        found = {label: min(p, 1.0) for label, p in self.weighed.odds.inclusion.items() if p >= LEAST}
         return ({self.angles: self.angles_probability} if self.angles else {}) | found
 
     @property

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.result import Alternative
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, all_candidates, significance
@@ -156,7 +157,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     columns = np.split(np.arange(gross.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
     of_gross = np.full((size + by_errors.shape[1], gross.shape[1]), np.nan)
     labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
-    kept_random = np.ones(len(labels), dtype=bool)
+    declared, kept_random = c.observe().declared, np.ones(len(labels), dtype=bool)
     fresh, beside = list[tuple[Indices, Floats, Mask]](), [np.zeros((rows, 0))]
     for item, unit, at in zip(kept, units, columns, strict=True):
         own_random = np.flatnonzero(labels == item.effect.label)
@@ -172,11 +173,11 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
                 beside.append(_small_part(problem, item.effect, arm))
             else:
                 fresh.append((at, np.ones(len(at)), np.zeros(len(at), dtype=bool)))
-        elif len(own_random):
-            found = np.linalg.lstsq(by_errors[:, m + own_random], gross[:, at], rcond=1e-6)[0]
+        elif len(own_errors := _errors_of(item.effect, declared, m + own_random)):
+            found = np.linalg.lstsq(by_errors[:, own_errors], gross[:, at], rcond=1e-6)[0]
             of_gross[:, at] = 0.0
-            of_gross[np.ix_(size + m + own_random, at)] = found
-            if not item.effect.grid_parameter:  # those of the fit are where it began
+            of_gross[np.ix_(size + own_errors, at)] = found
+            if len(own_random) and not item.effect.grid_parameter:  # those of the fit are where it began
                 at = at[: len(own_random)]
                 assert c.random is not None
                 widths = (c.random.size * model.typical)[own_random] / unit[: len(at)]
@@ -216,6 +217,12 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     odds = posterior_odds(linear, forms, weights)
     lift = np.concatenate([of_base, of_small, of_gross], axis=1)
     return Weighed(model, problem, every, forms, linear, odds, lift)
+
+
+def _errors_of(effect: Effect, declared: DeclaredErrors | None, random: Indices) -> Indices:
+    """Which of the declared errors and random effects an effect is: its own random ones, or the error declared."""
+    places = {} if declared is None else declared.places
+    return random if len(random) else places.get(effect.declared_as or effect.label, random)
 
 
 def _small_part(problem: Problem, effect: Effect, arm: ArmClass) -> Floats:

@@ -278,8 +278,9 @@ def _whitened_by(rows: Floats, errors: Floats) -> Floats:
 
 
 def _held(effect: Effect) -> str:
-    """How its first value is held."""
-    return f"'{effect.label}.{effect.parameters[0].name}=VALUE'"
+    """How its sizes are held, all of them: so the forecast takes them."""
+    sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
+    return ' --fix '.join(f"'{effect.label}.{effect.parameters[k].name}=VALUE'" for k in sizes.tolist())
 
 
 class Decision(NamedTuple):

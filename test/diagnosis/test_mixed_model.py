@@ -312,4 +312,30 @@ def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
     scatter = np.sqrt(weight @ (values - moved) ** 2)
     assert (found.std >= scatter * (1 - 1e-9)).all()
     assert found.force_error < 1.15 * union.force_error
+    far = averaged(union, [item._replace(change=20 * item.change) for item in every])
+    assert far.enlargement == union.enlargement, 'what the mean does not explain is no noise'
     assert averaged(union, ()) is union
+
+
+def test_the_values_by_an_error_that_is_declared_are_stated():
+    """disc_1 is ten times as far off as declared, and no effect of the fit: the declared error is."""
+    discs = tuple(disc._replace(center_std=5e-6) for disc in CELL.discs)
+    cell, place = replace(CELL, discs=discs), find(CELL, 'object_position[disc_1]')
+    robot = ExtendedModel(PAPER_ACTUAL, (place,), ((5e-5, -3e-5),))
+    c = calibrate(simulate_touches(cell, robot, default_plan(cell, 12, preload=0.3), cell.noise, 4), cell)
+    fit = (weighed := weigh(fit_mixed(c, catalogue(cell)), catalogue(cell))).model.fit
+    by_set = {item.effects: item for item in weighed.alternatives()}
+    one = by_set['object_position[disc_1]',]
+    at = len(fit.model.names) + fit.observe().declared.places[place.label]
+    errors = fit.errors[at - len(fit.model.names)] + one.change[at]
+    np.testing.assert_allclose(5e-6 * errors, (5e-5, -3e-5), atol=4 * 5e-6 * np.sqrt(one.covariance[at, at].max()))
+    stated = sum(p for labels, p in weighed.odds.probabilities.items() if 'unnamed' not in labels)
+    assert one.probability == pytest.approx(weighed.odds.probabilities[frozenset([place.label])] / stated, abs=0.01)
+
+
+def test_a_disc_with_so_few_touches_that_a_shift_has_one_moment_is_weighed():
+    c = calibrate(simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL), default_plan(CELL, 3), CELL.noise, 1), CELL)
+    weighed = weigh(fit_mixed(c, catalogue(CELL)), catalogue(CELL))
+    moments = [item.tried for item in weighed.candidates.candidates if item.effect.label == 'shift[disc_1]']
+    assert moments == [1]
+    assert weighed.odds.none > 0.5
