@@ -161,19 +161,20 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     fresh, beside = list[tuple[Indices, Floats, Mask]](), [np.zeros((rows, 0))]
     for item, unit, at in zip(kept, units, columns, strict=True):
         own_random = np.flatnonzero(labels == item.effect.label)
+        own_errors = _errors_of(item.effect, declared, m + own_random)
         if item.effect in fitted:
             first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
             places = first + np.arange(fitted[item.effect])
             amount = np.linalg.lstsq(gross[:, at], by_effects[:, places] @ own[places], rcond=None)[0] * unit
             of_gross[:, at] = 0.0
             of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
-            if c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or problem.is_declared(item.effect):
+            if c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or len(own_errors):
                 continue  # of what is declared the small part is that
             if item.effect.grid_parameter:  # small, it is where undetected effects are, not at the place found
                 beside.append(_small_part(problem, item.effect, arm))
             else:
                 fresh.append((at, np.ones(len(at)), np.zeros(len(at), dtype=bool)))
-        elif len(own_errors := _errors_of(item.effect, declared, m + own_random)):
+        elif len(own_errors):
             found = np.linalg.lstsq(by_errors[:, own_errors], gross[:, at], rcond=1e-6)[0]
             of_gross[:, at] = 0.0
             of_gross[np.ix_(size + own_errors, at)] = found
