@@ -449,8 +449,8 @@ def assess(evidence: Evidence) -> Assessment:
     """
     remarks = [remark for criterion in CRITERIA for remark in criterion(evidence)]
     if not remarks:
-        known = evidence.tip_uncertainty
-        tip = f'the tip is known to {quantity(known.worst, "m")} or better ({known.coverage})'
+        of_tip = evidence.tip_uncertainty
+        tip = f'the tip is known to {quantity(of_tip.worst, "m")} or better ({of_tip.coverage})'
         checks = f'{int(evidence.final.used.sum())} touches, each predicted by the others to '
         reason = f'{tip}, from {checks}{evidence.comparison.extended.held_out:.2g} N'
         remarks = [Remark(Grade.FIT, reason)]
