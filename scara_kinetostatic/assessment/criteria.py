@@ -15,7 +15,7 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.assessment import rejections
-from scara_kinetostatic.assessment.evidence import Decision, Evidence
+from scara_kinetostatic.assessment.evidence import Decision, Evidence, percent
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
@@ -27,7 +27,9 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAS
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise, of_steps
 from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.robot import BaseTilt
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
@@ -114,7 +116,14 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
             errors = f'the force error is {upright.force_error:.2g} N instead of {before:.2g} N'
             action = f'state `gravity` in the cell description, such as {list(gravity)}'
             action += ', and `robot.moments` where known'
-            yield Remark(Grade.UNFIT, f'with gravity along {axis} {errors}: the arm stands upright', action)
+            likely = evidence.diagnosis.inclusion.get(BaseTilt.name, 1.0)
+            reason = f'with gravity along {axis} {errors}: the arm'
+            if evidence.diagnosis.verdict == 'ambiguous' and likely < FOUND:
+                yield Remark(
+                    Grade.CAUTION, f'{reason} may stand upright ({percent(likely)} %)', f'if it does, {action}'
+                )
+            else:
+                yield Remark(Grade.UNFIT, f'{reason} stands upright', action)
             return
 
 
@@ -230,7 +239,7 @@ def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
     effects, most = d.effects_by_label(), 4
     names = [effects[label].title if label in effects else label for label in group[:most]]
     names = [
-        f'{name} ({percent(d.inclusion[x])})' if x in d.inclusion else name
+        f'{name} ({percent(d.inclusion[x])} %)' if x in d.inclusion else name
         for x, name in zip(group, names, strict=False)
     ]
     return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
@@ -243,15 +252,9 @@ def sets_in_words(d: Diagnosis, most: int = 3) -> str:
     texts = []
     for item in d.probabilities[:most]:
         names = [known.get(label) or (effects[label].title if label in effects else label) for label in item.effects]
-        texts.append(f'{" and ".join(names) or "no gross error"} ({percent(item.probability)})')
+        texts.append(f'{" and ".join(names) or "no gross error"} ({percent(item.probability)} %)')
     left = 1 - sum(item.probability for item in d.probabilities[:most])
-    return ' or '.join([*texts, *([f'others ({percent(left)})'] if left > 0.005 else [])])
-
-
-def percent(probability: float) -> str:
-    """A probability in words, never as certain as it is not."""
-    size = 100 * probability
-    return f'{size:.0f} %' if 1 <= size <= 99 else 'over 99 %' if size > 99 else 'below 1 %'
+    return ' or '.join([*texts, *([f'others ({percent(left)} %)'] if left > 0.005 else [])])
 
 
 def shifted(evidence: Evidence) -> Iterator[Remark]:

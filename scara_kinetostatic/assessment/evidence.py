@@ -200,6 +200,8 @@ _NAMED = 0.005
 
 def percent(probability: float) -> str:
     """A probability in percent, not rounded to certainty."""
+    if probability < 0.005:
+        return 'below 1'
     return f'{100 * probability:.0f}' if probability < 0.985 else f'{min(100 * probability, 99.9):.1f}'
 
 

@@ -226,7 +226,7 @@ def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str
             if forms[k].label not in (forms[pair[0]].label, forms[pair[1]].label)
         }
         if grown and len(log_number) > 3:
-            found, _ = scan.integrated(scan.promising(sorted(grown), _TRIPLES))
+            found, _ = scan.integrated(scan.promising(sorted(grown), 3 * _TRIPLES))
             parts += _shifted(found, log_number[3])
     log_none = float(np.logaddexp.reduce(bare))
     factors, likely = dict[str, float](), dict[str, int]()

@@ -23,7 +23,6 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
-    CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
     STRICT_SIGNIFICANCE,
@@ -157,7 +156,7 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         plain: the sets weighed at the mixed model without names, where they are known.
     """
     weighed = plain or weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
-    names, excluded, visited = frozenset[tuple[str, float]](), frozenset[str](), list[tuple[float, Weighed]]()
+    names, excluded, visited = frozenset[tuple[str, float]](), frozenset[str](), list[Weighed]()
     tried = {names}
     for _ in range(6):  # most searches end after one or two rounds
         members = weighed.likeliest(excluded)
@@ -184,8 +183,8 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         excluded |= wrong
         if not wrong:
             weighed, names = weigh(fitted, known), wanted
-            visited.append((fitted.deviance + CREDIBLE * len(members), weighed))
-    return Search(min(visited, key=lambda item: item[0])[1] if visited else weighed, c)
+            visited.append(weighed)
+    return Search(min(visited, key=lambda one: one.deviance) if visited else weighed, c)
 
 
 def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> MixedModel | None:

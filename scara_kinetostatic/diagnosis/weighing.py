@@ -126,12 +126,16 @@ class Weighed(NamedTuple):
         if len(sets) < 2:
             return ()
         fit, odds = self.model.fit, self.odds._replace(parts=parts, probabilities=sets)
+        found = components(self.linear, self.forms, odds, np.nan_to_num(self.lift))
         now, total = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), sum(sets.values())
+        less = np.zeros((len(now), len(now)))
+        if fit.used.sum() > len(self.problem.force):  # some touches say how the sets differ, all where the fit is
+            named = {effect.label for effect, _, _ in fitted_effects(fit)}
+            own = max(found, key=lambda item: (item.labels == named, item.probability))
+            now, less = own.mean, own.covariance - fit.covariance_with_errors / fit.enlargement
         return tuple(
-            Alternative(tuple(sorted(labels)), probability / total, mean - now, covariance)
-            for labels, probability, mean, covariance in components(
-                self.linear, self.forms, odds, np.nan_to_num(self.lift)
-            )
+            Alternative(tuple(sorted(item.labels)), item.probability / total, item.mean - now, item.covariance - less)
+            for item in found
         )
 
 

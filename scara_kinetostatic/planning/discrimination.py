@@ -56,7 +56,7 @@ _DRAWS = 400
 """By each set."""
 _STEPS = np.outer([1.0, 2.0, 5.0], 10.0 ** np.arange(-9, 0)).ravel(order='F')
 """Standard uncertainties of a measurement that are tried, SI."""
-_LEAST_LENGTH = 2e-6
+_LEAST_LENGTH = 2e-5
 """No length is measured better, m."""
 _APART = 0.03
 """Distance of a further object from the others, m."""

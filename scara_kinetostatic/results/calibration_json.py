@@ -9,7 +9,7 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors, joint_covariance
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEVEL
 from scara_kinetostatic.diagnosis.diagnose import suspects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
@@ -82,7 +82,8 @@ def _tip_uncertainty(outcome: Outcome) -> Document:
         'worst': tip.worst,
         'at': at and at.tip,
         'region': cell.region.title,
-        'coverage_factor': COVERAGE_FACTOR,
+        'coverage_factor': None if outcome.final.alternatives else COVERAGE_FACTOR,
+        **({'coverage_probability': LEVEL} if outcome.final.alternatives else {}),
         'tolerance': cell.tolerance,
         'worst_pose': pose,
         'undetermined': tip.undetermined,
