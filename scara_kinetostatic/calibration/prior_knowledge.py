@@ -52,13 +52,25 @@ class Assumed(NamedTuple):
 
 def assumed_places(c: Calibration) -> Assumed | None:
     """What was assumed of undeclared places; None where all are declared."""
-    effects, (size, _) = c.cell.uncertainty.effects, TYPICAL[OBJECT_POSITION]
     if not c.cell.undeclared_places:
         return None
-    assert isinstance(size, float)
-    size *= 0.0 if effects.sizes is SizeMode.NONE else CLASSES[effects.arm]
-    covariance = c.covariance + _more(c, TIMES * size)
+    size = _assumed_size(c)
+    covariance = c.covariance + _more(c, TIMES * size) - _more(c, size)  # which it has (`by_assumed_places`)
     return Assumed(size, tip_uncertainty(replace(c, covariance=covariance)).worst)
+
+
+def by_assumed_places(c: Calibration) -> Floats | None:
+    """What errors of undeclared places of the size that is assumed add to the covariance of `full_model` of a fit: what
+    no touch shows of them is as large as the errors that touches show only by the prior. None where all are declared.
+    """
+    return _more(c, _assumed_size(c)) if c.cell.undeclared_places else None
+
+
+def _assumed_size(c: Calibration) -> float:
+    """Of each coordinate, m; 0 where they count as exact."""
+    effects, (size, _) = c.cell.uncertainty.effects, TYPICAL[OBJECT_POSITION]
+    assert isinstance(size, float)
+    return size * (0.0 if effects.sizes is SizeMode.NONE else CLASSES[effects.arm])
 
 
 def _more(c: Calibration, size: float) -> Floats:

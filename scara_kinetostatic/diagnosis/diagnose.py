@@ -31,6 +31,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
     MixedModel,
     averaged,
     fit_mixed,
+    with_assumed_places,
     with_large_effects,
     with_places,
     with_projection,
@@ -192,7 +193,7 @@ def _without_effects(c: Calibration, found: Search, model: MixedModel, known: tu
     if found.weighed.is_mixture:
         refitted: Calibration | None = _averaged(weigh(model, known), fit)
     else:
-        refitted = with_large_effects(fit, model) if fit.random is not None else None
+        refitted = with_assumed_places(with_large_effects(fit, model)) if fit.random is not None else None
     is_small = c.noise_source == 'given' and c.p_value < SIGNIFICANCE
     p_value = _p_value(found, fit)
     return Diagnosis(
@@ -210,7 +211,7 @@ def _without_effects(c: Calibration, found: Search, model: MixedModel, known: tu
 
 def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
     """The mean over the sets of effects, and what large effects that are not seen may change."""
-    return with_large_effects(averaged(fit, weighed.alternatives()), weighed.model)
+    return with_assumed_places(with_large_effects(averaged(fit, weighed.alternatives()), weighed.model))
 
 
 def _chi_square_p_value(fit: Calibration) -> float:

@@ -32,12 +32,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, VALUE, Prior, RandomEffects, Source
+from scara_kinetostatic.calibration.declared_errors import (
+    LARGE_EFFECT,
+    RIVALS,
+    UNDETECTED,
+    VALUE,
+    Prior,
+    RandomEffects,
+    Source,
+)
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
 from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, raised
+from scara_kinetostatic.calibration.prior_knowledge import by_assumed_places
 from scara_kinetostatic.calibration.result import (
     Alternative,
     Calibration,
@@ -63,7 +72,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import columns_of, typical_size
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Noise, SizeMode
+from scara_kinetostatic.model.cell import OBJECT_POSITION, Noise, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.touch import Rejection
 
@@ -543,6 +552,12 @@ def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
     return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
+def with_assumed_places(c: Calibration) -> Calibration:
+    """A calibration with places of undeclared objects as uncertain as is assumed of them."""
+    more = by_assumed_places(c)
+    return c if more is None else _with_contribution(c, f'{UNDETECTED}[{OBJECT_POSITION}]', more)
+
+
 def averaged(c: Calibration, alternatives: Sequence[Alternative]) -> Calibration:
     """A fit at the mean of the sets of effects that may be gross, by their probabilities, with their scatter in its
     covariance (law of total variance).
@@ -622,7 +637,9 @@ def _positive(more: Floats, scale: Floats) -> Floats:
 
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
-    """A calibration with more covariance of all values of `full_model`."""
+    """A calibration with more covariance of all values of `full_model`, by one source."""
+    others = tuple(part for part in c.contributions if part.label != label)
+    own = [part for part in c.contributions if part.label == label]
     covariance, count = c.covariance + more, c.model.base_count
     std = np.sqrt(np.diag(covariance))
     changed = replace(
@@ -630,7 +647,7 @@ def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
         covariance=covariance,
         std=np.where(c.std > 0, std[:count], c.std),
         effect_std=np.where(c.effect_std > 0, np.fmax(c.effect_std, std[count:][: len(c.effect_std)]), c.effect_std),
-        contributions=(*c.contributions, Contribution(label, None, '', more)),
+        contributions=(*others, Contribution(label, None, '', sum((part.covariance for part in own), more))),
     )
     return with_projection(changed, c.projection)
 
