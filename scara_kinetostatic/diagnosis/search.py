@@ -211,7 +211,8 @@ def _fit_named(
     """The mixed model with effects named, begun where they fit the linear problem best (`start_from`) or, as large ones
     are not linear, at a quarter of the way.
     """
-    steps = (1.0, 0.25) if all(member.effect.is_physical for member in members) else (1.0,)  # curves are linear
+    is_large = c.p_value < STRICT_SIGNIFICANCE or all(member.effect.is_physical for member in members)
+    steps = (1.0, 0.25) if is_large else (1.0,)
     starts = (start_from(problem, members, step) for step in steps)
     return next(filter(None, (_fit(c, known, start) for start in starts)), None)
 

@@ -56,8 +56,8 @@ _DRAWS = 400
 """By each set."""
 _STEPS = np.outer([1.0, 2.0, 5.0], 10.0 ** np.arange(-9, 0)).ravel(order='F')
 """Standard uncertainties of a measurement that are tried, SI."""
-_LEAST_LENGTH = 2e-5
-"""No length is measured better, m."""
+_LEAST_PLACE, _LEAST_LENGTH = 2e-6, 2e-5
+"""No place of an object and no length of a link is measured better, m."""
 _APART = 0.03
 """Distance of a further object from the others, m."""
 
@@ -206,7 +206,7 @@ class Rivals(NamedTuple):
                 break
             effect, unit = group[0], group[0].parameters[0].unit
             rows = np.concatenate([self._sizes(one) for one in group])
-            if size := self._needed(rows, _LEAST_LENGTH if unit == 'm' else 0.0) if len(rows) else 0.0:
+            if size := self._needed(rows, _LEAST_PLACE if unit == 'm' else 0.0) if len(rows) else 0.0:
                 text = (
                     f'determine {effect.label} to {quantity(size, unit)} otherwise, and hold it: --fix {_held(effect)}'
                 )

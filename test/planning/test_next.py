@@ -393,7 +393,7 @@ def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     assert main(['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5', '--out', str(out)]) == 0
     said = capsys.readouterr().out
     assert re.search(r'possible causes: contact_compliance \(\d+ %\) or sensor_nonlinearity \(\d+ %\)', said)
-    assert re.search(r'the likeliest: 5 touches: \d+ → \d+ %', said)
+    assert re.search(r'the likeliest: 5 touches: [\d.]+ → [\d.]+ %', said)
     rows = rows_of(out / 'next.csv')
     assert len(rows) == 5
     assert all(row['reason'].startswith('decides ') for row in rows)
