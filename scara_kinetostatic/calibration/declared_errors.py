@@ -313,6 +313,9 @@ VALUE = 'value'
 LARGE_EFFECT = f'{UNDETECTED}[large_effect]'
 """Label of what a single large effect contributes that the touches neither show nor exclude."""
 
+ASSUMED_PLACES = f'{UNDETECTED}[assumed_places]'
+"""Label of what errors of undeclared places of the size assumed add to those that the touches show."""
+
 
 class RandomEffects(NamedTuple):
     """Every error of the catalogue that was not found: it is in the fit all the same, with a prior.

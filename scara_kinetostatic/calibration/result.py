@@ -13,7 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, DeclaredErrors, Prior, RandomEffects
+from scara_kinetostatic.calibration.declared_errors import (
+    ASSUMED_PLACES,
+    LARGE_EFFECT,
+    DeclaredErrors,
+    Prior,
+    RandomEffects,
+)
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import Point, base_force, force_error, force_residual, project
 from scara_kinetostatic.calibration.identifiability import (
@@ -508,7 +514,8 @@ class UndetectedErrors(NamedTuple):
 
 
 def joint_covariance(calibration: Calibration) -> tuple[tuple[str, ...], Floats, Floats]:
-    """What a later prediction of touches on the same objects needs; without a large effect, which stays as it is.
+    """What a later prediction of touches on the same objects needs; without a large effect, and what is assumed of
+    undeclared places, which stay as they are.
 
     Returns:
         Names of the values of the model, then of the declared errors (`DeclaredErrors.names`), all values,
@@ -516,8 +523,9 @@ def joint_covariance(calibration: Calibration) -> tuple[tuple[str, ...], Floats,
     """
     c, size = calibration, len(calibration.covariance)
     names, every, scale = _of_model_and_cell(c)
+    stays = LARGE_EFFECT, ASSUMED_PLACES
     matrix = scale[:, None] * c.covariance_with_errors[np.ix_(every, every)] * scale
-    matrix[:size, :size] = c.covariance - sum(p.covariance for p in c.contributions if p.label == LARGE_EFFECT)
+    matrix[:size, :size] = c.covariance - sum(p.covariance for p in c.contributions if p.label in stays)
     values = np.concatenate([c.full_model.as_array(), scale[len(scale) - len(c.errors) :] * c.errors])
     return names, values, matrix
 

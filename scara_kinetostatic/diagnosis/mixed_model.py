@@ -33,9 +33,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import (
+    ASSUMED_PLACES,
     LARGE_EFFECT,
     RIVALS,
-    UNDETECTED,
     VALUE,
     Prior,
     RandomEffects,
@@ -72,7 +72,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import columns_of, typical_size
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import OBJECT_POSITION, Noise, SizeMode
+from scara_kinetostatic.model.cell import Noise, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.touch import Rejection
 
@@ -555,7 +555,7 @@ def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
 def with_assumed_places(c: Calibration) -> Calibration:
     """A calibration with places of undeclared objects as uncertain as is assumed of them."""
     more = by_assumed_places(c)
-    return c if more is None else _with_contribution(c, f'{UNDETECTED}[{OBJECT_POSITION}]', more)
+    return c if more is None else _with_contribution(c, ASSUMED_PLACES, more)
 
 
 def averaged(c: Calibration, alternatives: Sequence[Alternative]) -> Calibration:
@@ -637,17 +637,15 @@ def _positive(more: Floats, scale: Floats) -> Floats:
 
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
-    """A calibration with more covariance of all values of `full_model`, by one source."""
-    others = tuple(part for part in c.contributions if part.label != label)
-    own = [part for part in c.contributions if part.label == label]
+    """A calibration with more covariance of all values of `full_model`."""
     covariance, count = c.covariance + more, c.model.base_count
-    std = np.sqrt(np.diag(covariance))
+    std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     changed = replace(
         c,
         covariance=covariance,
         std=np.where(c.std > 0, std[:count], c.std),
         effect_std=np.where(c.effect_std > 0, np.fmax(c.effect_std, std[count:][: len(c.effect_std)]), c.effect_std),
-        contributions=(*others, Contribution(label, None, '', sum((part.covariance for part in own), more))),
+        contributions=(*c.contributions, Contribution(label, None, '', more)),
     )
     return with_projection(changed, c.projection)
 

@@ -107,7 +107,7 @@ def test_a_named_effect_is_hardly_shrunk():
     robot = ExtendedModel(PAPER_ACTUAL, (law,), (values,))
     found = diagnose(calibrate(simulate_touches(CELL, robot, default_plan(CELL, 18, preload=0.3), CELL.noise, 3), CELL))
     check_explained(found, law.label, values)
-    assert all(value.std < 1e-5 for value in found.found[0].values)
+    assert all(value.std < 2e-5 for value in found.found[0].values)  # the places of the others are assumed
 
 
 def test_an_alias_has_its_declared_size_only():
