@@ -32,7 +32,7 @@ from benchmark.population import SIZES, errors_of
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.interface import diagnose
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -107,7 +107,7 @@ def grades(truth: Parameters, plan: Plan, number: int) -> dict[str, object]:
 
 def stated(number: int) -> dict[str, object]:
     """What calibrations of robots with small errors state of the tip, by what the design expects."""
-    cell = replace(PAPER_CELL, noise=NOISE)
+    cell = replace(PAPER_CELL, discs=PAPER_DISCS, noise=NOISE)
     designed = optimal_design(Robot.of(cell), Requirements(accuracy=1e-5))
     sizes = {effect: SIZES.get(effect.label, SIZES.get(effect.name)) for effect in catalogue(cell)}
     known, ratios, verdicts = [effect for effect, size in sizes.items() if size is not None], [], Counter[str]()
