@@ -250,13 +250,18 @@ def _best_forms(forms: Sequence[Form], alone: Floats) -> list[int]:
     return sorted(found)
 
 
+def _solved(factor: Floats, right: Floats) -> Floats:
+    """L⁻¹ B; of no rows none, as older SciPy refuses them."""
+    return np.asarray(linalg.solve_triangular(factor, right, lower=True, check_finite=False)) if len(factor) else right
+
+
 def _state(p: LinearProblem, tau: float) -> _State:
     """At a common size of the small parts."""
     c = len(p.is_declared)
     widths = np.where(p.is_declared, 1.0, tau)
     factor = np.linalg.cholesky(np.eye(c) + widths[:, None] * p.gram[:c, :c] * widths)
     right = widths[:, None] * np.concatenate([p.gram[:c, c:], p.projected[:c, None]], axis=1)
-    half = linalg.solve_triangular(factor, right, lower=True, check_finite=False)
+    half = _solved(factor, right)
     columns, y = half[:, :-1], half[:, -1]
     return _State(
         widths,
@@ -439,7 +444,7 @@ def components(p: LinearProblem, forms: Sequence[Form], odds: Odds, lift: Floats
             width = np.concatenate([odds.states[part.state].widths, *sizes])
             factor = np.linalg.cholesky(np.eye(len(acting)) + width[:, None] * p.gram[np.ix_(acting, acting)] * width)
             rows = (lift[:, b + acting] - by_base @ p.of_columns[:, acting]) * width
-            half = linalg.solve_triangular(factor, np.column_stack([rows.T, width * p.projected[acting]]), lower=True)
+            half = _solved(factor, np.column_stack([rows.T, width * p.projected[acting]]))
             rows, y = half[:, :-1].T, half[:, -1]
             noise = 1.0 if p.noise_given else (p.square - float(y @ y)) / p.freedoms
             means.append(-rows @ y - of_base)
