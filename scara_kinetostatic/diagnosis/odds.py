@@ -261,7 +261,7 @@ def _state(p: LinearProblem, tau: float) -> _State:
     widths = np.where(p.is_declared, 1.0, tau)
     factor = np.linalg.cholesky(np.eye(c) + widths[:, None] * p.gram[:c, :c] * widths)
     right = widths[:, None] * np.concatenate([p.gram[:c, c:], p.projected[:c, None]], axis=1)
-    half = _solved(factor, right)
+    half = _solved(np.asarray(factor, dtype=np.float64), right)
     columns, y = half[:, :-1], half[:, -1]
     return _State(
         widths,
