@@ -30,7 +30,7 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.planning.discrimination import Decision
+    from scara_kinetostatic.planning.discrimination import DecidingTouches
     from scara_kinetostatic.planning.planner import PlannedTouches, Planner
 
 
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
         note(text)
 
 
-def _decision(planner: Planner, found: Diagnosis | None, number: int) -> Decision:
+def _decision(planner: Planner, found: Diagnosis | None, number: int) -> DecidingTouches:
     """The touches that decide.
 
     Raises:

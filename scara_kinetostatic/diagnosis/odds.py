@@ -147,7 +147,7 @@ class _State(NamedTuple):
     projected: Floats
 
 
-class Part(NamedTuple):
+class SizedSet(NamedTuple):
     """A set at given sizes: its log posterior, the forms, their sizes, and the size of the small parts by number."""
 
     log: float
@@ -169,7 +169,7 @@ class Odds(NamedTuple):
     """
 
     probabilities: dict[Labels, float]
-    parts: dict[Labels, list[Part]]
+    parts: dict[Labels, list[SizedSet]]
     log_evidence: float
     bayes_factors: dict[str, float]
     best: dict[str, int]
@@ -210,7 +210,7 @@ def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str
     states = [state._replace(log_prior=state.log_prior - total) for state in states]
     scan = _Scan(p, forms, states, log_share)
     bare = [float(p.log_likelihood(np.array(s.square), np.array(s.log_determinant))) + s.log_prior for s in states]
-    parts = [Part(log + log_number[0], (), (), k) for k, log in enumerate(bare)]
+    parts = [SizedSet(log + log_number[0], (), (), k) for k, log in enumerate(bare)]
     singles, alone = scan.integrated(np.arange(len(forms))[:, None])
     parts += _shifted(singles, log_number[1] if len(labels) else 0.0)
     best = _best_forms(forms, alone)
@@ -237,7 +237,7 @@ def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str
     return _gathered(parts, forms, log_number, weight, factors, likely, states, p.constant)
 
 
-def _shifted(parts: list[Part], log: float) -> list[Part]:
+def _shifted(parts: list[SizedSet], log: float) -> list[SizedSet]:
     return [part._replace(log=part.log + log) for part in parts]
 
 
@@ -287,7 +287,7 @@ class _Scan:
         x = SIZES / SCALE
         self.log_size = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
 
-    def integrated(self, sets: Indices) -> tuple[list[Part], Floats]:
+    def integrated(self, sets: Indices) -> tuple[list[SizedSet], Floats]:
         """The parts of sets of forms (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
         m, k = sets.shape
         shares = self.log_share[sets].sum(axis=1)
@@ -305,7 +305,7 @@ class _Scan:
         every = logs.reshape(m, -1)
         evidence = np.logaddexp.reduce(every, axis=1) if m else np.zeros(0)
         sizes = np.array(np.meshgrid(*(SIZES,) * k, indexing='ij')).reshape(k, -1).T
-        parts = list[Part]()
+        parts = list[SizedSet]()
         most = evidence.max(initial=-np.inf)
         for row, (one, log) in enumerate(zip(sets.tolist(), evidence.tolist(), strict=True)):
             if log < most - _NEGLIGIBLE and k > 1:
@@ -315,7 +315,7 @@ class _Scan:
             for place in order.tolist():  # the rest counts with these
                 number, size = divmod(place, logs.shape[2])
                 log_part = float(every[row, place] - np.log(taken))
-                parts.append(Part(log_part, tuple(one), tuple(sizes[size].tolist()), number))
+                parts.append(SizedSet(log_part, tuple(one), tuple(sizes[size].tolist()), number))
         return parts, evidence
 
     def promising(self, sets: Sequence[tuple[int, ...]], most: int = _PAIRS) -> Indices:
@@ -372,7 +372,7 @@ def _gains(gram: Floats, projected: Floats, w: int, k: int) -> tuple[Floats, Flo
 
 
 def _gathered(
-    parts: Sequence[Part],
+    parts: Sequence[SizedSet],
     forms: Sequence[Form],
     log_number: Floats,
     weight: Mapping[str, float],
@@ -383,7 +383,7 @@ def _gathered(
 ) -> Odds:
     """The posterior by sets of labels; supersets that are not needed are merged."""
     total = float(np.logaddexp.reduce([part.log for part in parts]))
-    by_labels = defaultdict[Labels, list[Part]](list)
+    by_labels = defaultdict[Labels, list[SizedSet]](list)
     for part in parts:
         by_labels[frozenset(forms[k].label for k in part.forms)].append(part._replace(log=part.log - total))
     logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}

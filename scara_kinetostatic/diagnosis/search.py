@@ -188,9 +188,9 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
 
 
 def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> MixedModel | None:
-    """The mixed model with effects named, None where there is none, or where it does
-    not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
-    curve must predict touches that it was not fitted to, as well as the base model does.
+    """The mixed model with effects named; None where there is none, or where it does not predict the forces: the joint
+    angles of a steep curve have no contact or another one, and so has a wrong arm. A curve must predict touches that it
+    was not fitted to as well as the base model does.
     """
     try:
         model = fit_mixed(c, known, start)

@@ -25,7 +25,7 @@ from scara_kinetostatic.diagnosis.odds import (
     Labels,
     LinearProblem,
     Odds,
-    Part,
+    SizedSet,
     components,
     posterior_odds,
 )
@@ -39,8 +39,6 @@ _CURVE = 2e-6
 """Typical size of a curve, rad or m."""
 _SPECIAL = 0.02
 """Prior of an effect that contains another one of the catalogue, in that of the others."""
-
-
 LEAST = 1e-3
 """Probability below which a set of effects does not count."""
 
@@ -116,7 +114,7 @@ class Weighed(NamedTuple):
     def alternatives(self) -> tuple[Alternative, ...]:
         """The values by each set with a probability of at least `LEAST` of which they can be stated; none of one."""
         b, c = len(self.linear.of_residual), len(self.linear.is_declared)
-        known, parts = np.asarray(np.isfinite(self.lift).all(axis=0)), dict[Labels, list[Part]]()
+        known, parts = np.asarray(np.isfinite(self.lift).all(axis=0)), dict[Labels, list[SizedSet]]()
         for labels in self._sets:
             every = (
                 (x, [known[b + c + self.forms[k].columns].all() for k in x.forms]) for x in self.odds.parts[labels]

@@ -1,9 +1,9 @@
 r"""The touches that decide between the sets of effects that may be gross, and what else does.
 
 By the set i, of probability p_i, all values (those of the model, the declared errors and the random effects) are off
-those of the calibration by d_i, with the covariance C_i: the twelve parameters are fitted again, what is declared or
-too small to be detected is known as well as it is. Touches with the whitened derivatives H by these values then have
-misclosures that are normal about -H d_i with the covariance S_i = H C_i Hᵀ + I.
+those of the calibration by d_i, with the covariance C_i: L̄ is fitted again, what is declared or too small to be
+detected is known as well as it is. Touches with the whitened derivatives H by these values are then off the surface by
+what is normal about -H d_i with the covariance S_i = H C_i Hᵀ + I.
 
 **Choice.** The probability of a wrong decision is at most
 
@@ -283,8 +283,8 @@ def _held(effect: Effect) -> str:
     return ' --fix '.join(f"'{effect.label}.{effect.parameters[k].name}=VALUE'" for k in sizes.tolist())
 
 
-class Decision(NamedTuple):
-    """What decides.
+class DecidingTouches(NamedTuple):
+    """Touches that decide between the sets of effects, and what is expected of them.
 
     Attributes:
         outlook: in words and figures.
@@ -295,7 +295,7 @@ class Decision(NamedTuple):
     chosen: list[int]
 
 
-def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> Decision:
+def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> DecidingTouches:
     """The touches that decide, what they are expected to tell, and, where that is little, what would decide.
 
     Args:
@@ -309,4 +309,4 @@ def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> Decis
     titles = tuple(candidates.select(np.array(chosen)).titles(rivals.robot.cell))
     odds = tuple(zip(rivals.labels, rivals.probability.tolist(), strict=True))
     found = Discrimination(odds, titles, now, expected.probability, MOST_TOUCHES, many.probability, ())
-    return Decision(found if found.is_decisive else found._replace(remedies=rivals.remedies(candidates)), chosen)
+    return DecidingTouches(found if found.is_decisive else found._replace(remedies=rivals.remedies(candidates)), chosen)

@@ -58,7 +58,7 @@ from scara_kinetostatic.planning.candidate_touches import (
     declared_rows,
     prepare_candidates,
 )
-from scara_kinetostatic.planning.discrimination import Decision, Forecast, Rivals, decide
+from scara_kinetostatic.planning.discrimination import DecidingTouches, Forecast, Rivals, decide
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, short_order
 from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
@@ -373,7 +373,7 @@ class Planner:
         assert self.rivals is not None
         return self.rivals.rows(self._candidates[0])
 
-    def decision(self, number: int = USUAL_NUMBER) -> Decision | None:
+    def decision(self, number: int = USUAL_NUMBER) -> DecidingTouches | None:
         """The touches that decide between the rivals, and what does where these do not; None where there are none.
 
         Raises:
@@ -381,7 +381,7 @@ class Planner:
         """
         return None if self.rivals is None else decide(self.rivals, self._candidates[0], self._rows, number)
 
-    def discriminating(self, decision: Decision, number: int) -> PlannedTouches:
+    def discriminating(self, decision: DecidingTouches, number: int) -> PlannedTouches:
         """The first so many of the touches that decide most."""
         return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
 
