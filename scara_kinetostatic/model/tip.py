@@ -281,12 +281,14 @@ class Equilibrium(NamedTuple):
         tip: S, (n, 2), m; NaN where it was not found.
         loading: the arm there.
         state: the poses as effects take them; None without effects.
+        shift: δ, rad, (2, n), and d, m, (n, 2), of the effects there.
     """
 
     joints: Floats
     tip: Floats
     loading: Loading
     state: TouchState | None
+    shift: tuple[Floats, Floats]
 
 
 def tip_under_load(law: Law, joints: Floats, force: Force, metadata: TouchMetadata) -> Equilibrium:
@@ -317,10 +319,12 @@ def tip_under_load(law: Law, joints: Floats, force: Force, metadata: TouchMetada
     if law.model.effects and state is None:
         state = law.touch_state(joints, at, force, metadata)
     tip = np.where((change < _SOLVED)[:, None], np.array(at.tip(p)).T + moved, np.nan)
-    return Equilibrium(joints, tip, at, state)
+    return Equilibrium(joints, tip, at, state, (turn, moved))
 
 
-def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, metadata: TouchMetadata) -> Equilibrium:
+def joints_under_load(
+    law: Law, tip: Floats, force: Force, posture: Indices, metadata: TouchMetadata, begin: Equilibrium | None = None
+) -> Equilibrium:
     """Ḡ.
 
     Args:
@@ -329,11 +333,13 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
         force: on the object.
         posture: +1 or -1, the sign of sin(q2* + theta2), (n,).
         metadata: of the poses.
+        begin: poses nearby to begin at; None for those without effects.
     """
     p, offset, once = law.model.parameters, np.array(law.offset(force)).T, not law.model.acting.effects
     compliance, backlash = np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
-    turn, moved, state = np.zeros((2, len(tip))), np.zeros((len(tip), 2)), None
-    joints = change = np.zeros((2, len(tip)))
+    turn, moved = (np.zeros((2, len(tip))), np.zeros((len(tip), 2))) if begin is None else begin.shift
+    state, joints = None, np.zeros((2, len(tip)))  # far off: the shift is taken at least once
+    change = joints
     for _ in range(_PASSES):
         links = inverse(p, tip - offset - moved, posture).T
         first = links[0] + p.theta1
@@ -349,7 +355,7 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
     if law.model.effects and state is None:
         state = law.touch_state(joints.T, at, force, metadata)
     solved = once | ~(change > _SOLVED).any(axis=0)
-    return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state)
+    return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state, (turn, moved))
 
 
 class Spread(NamedTuple):

@@ -26,7 +26,7 @@ from enum import IntEnum
 from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
@@ -36,7 +36,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.tip import Force, Law, joints_under_load
+from scara_kinetostatic.model.tip import Equilibrium, Force, Law, joints_under_load
 from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
@@ -228,6 +228,15 @@ class Course:
         return Moments(contact, phase, progress, begin + progress[:, None] * (end - begin))
 
 
+class _End(NamedTuple):
+    """Where `Trajectory._pressed` ended: depth and displacement aside, (k,), m, direction of the force, and the arm."""
+
+    depth: Floats
+    aside: Floats
+    direction: NDArray[np.complex128]
+    found: Equilibrium
+
+
 class Trajectory(Motion):
     """The trajectory of one cell through one plan.
 
@@ -262,7 +271,7 @@ class Trajectory(Motion):
         self.count, every, still = len(plan), np.arange(len(plan)), np.zeros((len(plan), 2))
         self.metadata = TouchMetadata(plan.disc, still[:, 0], still, plan.posture, still)
         self.metadata = self.metadata._replace(order=every, surface=plan.surface(cell))
-        self._histories = np.zeros((3, len(plan), 0, 4))
+        self._histories, self._ends = np.zeros((3, len(plan), 0, 4)), dict[str, _End]()
         self._solve_poses()
         spans = [getattr(self.timing, phase.name.lower()) for phase in list(Phase)[1:]]
         durations, ends = np.tile(spans, (len(plan), 1)), np.stack([self.free_joints, self.free_joints], axis=1)
@@ -280,9 +289,9 @@ class Trajectory(Motion):
             UnsupportedDataError: the simulated robot cannot reach a touch.
         """
         every, ones = np.arange(self.count), np.ones(self.count)
-        self.hold_joints, self.hold_force, *depths = self._pressed(every, ones, _HOLD)
-        contact_joints, _, at_first = self._pressed(every, 0.0 * ones, _PRESS)
-        peak_joints, self.peak_force, at_peak = self._pressed(every, 1.0 + self.plan.preload, _PRESS)
+        self.hold_joints, self.hold_force, *depths = self._pressed(every, ones, _HOLD, 'hold')
+        contact_joints, _, at_first = self._pressed(every, 0.0 * ones, _PRESS, 'first')
+        peak_joints, self.peak_force, at_peak = self._pressed(every, 1.0 + self.plan.preload, _PRESS, 'peak')
         clear = self._contact - self.timing.clearance * self._inward
         free_joints = self._without_effects(clear, np.zeros_like(clear), every)
         self.contact_joints, self.peak_joints, self.free_joints = (
@@ -317,13 +326,16 @@ class Trajectory(Motion):
         known = {'time': self.hold_time, 'approach': approach, 'press': press, 'history': self._histories[_HOLD]}
         self.metadata = self.metadata._replace(**known)
 
-    def _pressed(self, touch: Indices, relative_force: Floats, stage: Indices | int) -> tuple[Floats, Floats, Floats]:
+    def _pressed(
+        self, touch: Indices, relative_force: Floats, stage: Indices | int, end: str = ''
+    ) -> tuple[Floats, Floats, Floats]:
         """Ḡ on the line of the press, for k moments of touches.
 
         Args:
             touch: number of the touch, (k,).
             relative_force: over that of the hold, (k,).
             stage: `_PRESS`, `_HOLD` or `_RELEASE`, (k,) or one for all.
+            end: name of these moments where they are asked for again, with other histories.
 
         Returns:
             Q, (k, 2), rad, NaN where the place is out of reach; F on the object, (k, 2), N; u, (k,), m,
@@ -334,11 +346,14 @@ class Trajectory(Motion):
         size, direction = np.maximum(planned, FIRST_FORCE)[:, None], n
         joints = self._without_effects(contact, size * pairs(n), touch)
         metadata = self.metadata.select(touch)._replace(history=self._histories[stage, touch])
-        law, rigid, changed = Law(self.model, self.cell.gripper_sign), forward(self.truth, joints), depth
+        law, rigid, changed, found = Law(self.model, self.cell.gripper_sign), forward(self.truth, joints), depth, None
+        if end in self._ends:
+            depth, aside, direction, found = self._ends[end]
         for _ in range(_MOST_PASSES if self.model.effects else 0):
             tip, before = contact + pairs(n * (depth + 1j * aside)), (depth, aside, direction)
             with np.errstate(invalid='ignore'):  # where the object is not on the line
-                found = joints_under_load(law, tip, Force.of(size * pairs(direction)), metadata.posture, metadata)
+                force = Force.of(size * pairs(direction))
+                found = joints_under_load(law, tip, force, metadata.posture, metadata, found)
                 joints, state = found.joints, cast('TouchState', found.state)
                 of_object = state._replace(centers=at.centers, radii=at.radii, tangents=at.tangents)
                 reach = at.radii * direction + as_complex(self.model.object_shift(of_object))
@@ -349,6 +364,8 @@ class Trajectory(Motion):
             changed = np.abs(np.subtract((depth, aside, direction), before)).max(axis=0)
             if not (changed > 1e-14).any():
                 break
+        if end and found is not None:
+            self._ends[end] = _End(depth, aside, direction, found)
         return joints, planned[:, None] * pairs(direction), np.where(changed < 1e-12, depth, np.nan)
 
     def _without_effects(self, tip: Floats, force: Floats, touch: Indices) -> Floats:

@@ -108,7 +108,7 @@ def test_effects_at_their_start_change_nothing():
     touches, plain = (simulate_touches(CELL, of, PLAN) for of in (with_effects(EFFECTS, start), PAPER_ACTUAL))
     np.testing.assert_array_equal(touches.joints, plain.joints)
     np.testing.assert_allclose(touches.force, plain.force, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(touches.press, plain.press)
+    np.testing.assert_allclose(touches.press, plain.press, rtol=0, atol=1e-15)
 
 
 def test_several_effects_at_once_take_their_values_in_turn():
