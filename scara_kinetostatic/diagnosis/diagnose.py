@@ -28,11 +28,9 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 )
 from scara_kinetostatic.diagnosis.mixed_model import (
     HEAVY_TAILS,
-    MixedModel,
     averaged,
     fit_mixed,
     with_assumed_places,
-    with_large_effects,
     with_places,
     with_projection,
 )
@@ -139,7 +137,7 @@ def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -
         found = _examine(fit_again(calibration, cell=cell) or calibration, known)
     diagnosis, deviance = found
     if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
-        stated = weigh(fit_mixed(calibration, known), known)
+        stated = weigh(fit_mixed(calibration, known, freedoms=HEAVY_TAILS), known)
         diagnosis = replace(diagnosis, refitted=_averaged(stated, stated.model.fit))
     noise = advice.noise_found(diagnosis.extended or diagnosis.refitted or calibration)
     fixed = advice.fixed_parameters(calibration) if diagnosis.verdict != 'none' else ''
@@ -159,14 +157,13 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     off_normal, implausible = off_normal_p_value(c), '; '.join(advice.implausible_noise(c) or ())
     is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
     if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
-        return _without_effects(c, Search(plain, c), fit_mixed(c, known), known), plain.deviance
+        return _without_effects(c, Search(plain, c), plain), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     if found.angles or found.named:
         found = _named(found, known)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
-        model = fit_mixed(c, known)
-        if _chi_square_p_value(model.fit) >= STRICT_SIGNIFICANCE and not implausible:
-            return _without_effects(c, found, model, known), found.deviance
+        if _chi_square_p_value(plain.model.fit) >= STRICT_SIGNIFICANCE and not implausible:
+            return _without_effects(c, found, plain), found.deviance
     elif found.angles or found.named:
         return _with_extended_model(c, found, known), found.deviance
     weighed, dependences = found.weighed, find_dependences(c)
@@ -187,13 +184,10 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     ), found.deviance
 
 
-def _without_effects(c: Calibration, found: Search, model: MixedModel, known: tuple[Effect, ...]) -> Diagnosis:
-    """The diagnosis where nothing is shown to be missing: by a search, with the mixed model without large effects."""
-    fit = model.fit
-    if found.weighed.is_mixture:
-        refitted: Calibration | None = _averaged(weigh(model, known), fit)
-    else:
-        refitted = with_assumed_places(with_large_effects(fit, model)) if fit.random is not None else None
+def _without_effects(c: Calibration, found: Search, plain: Weighed) -> Diagnosis:
+    """The diagnosis where nothing is shown to be missing: by a search, with the mixed model without names."""
+    fit = plain.model.fit
+    refitted = _averaged(plain, fit) if fit.random is not None else None
     is_small = c.noise_source == 'given' and c.p_value < SIGNIFICANCE
     p_value = _p_value(found, fit)
     return Diagnosis(
@@ -211,7 +205,7 @@ def _without_effects(c: Calibration, found: Search, model: MixedModel, known: tu
 
 def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
     """The mean over the sets of effects, and what large effects that are not seen may change."""
-    return with_assumed_places(with_large_effects(averaged(fit, weighed.alternatives()), weighed.model))
+    return with_assumed_places(averaged(fit, *weighed.mixture()))
 
 
 def _chi_square_p_value(fit: Calibration) -> float:

@@ -14,8 +14,8 @@ scale 1, and τ_0 half-Cauchy (Gelman, Bayesian Analysis 1 (2006) 515). While fl
 named, τ_g / τ_0 is half-Cauchy, too: its tails leave one large flaw among small errors as large as it is, and these
 small. What is left is more alike: three degrees of freedom. The density in log τ counts: what the touches say nothing
 of has the common size, not none. The root mean square of τ is taken, as squares add up in a variance: exp(log τ + v)
-with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. What one large effect
-would change that the touches do not exclude is in the final covariance (`with_large_effects`).
+with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. What gross effects change is in
+the final estimate and its covariance by their probabilities (`averaged`), of those too that the touches do not show.
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
 along with the sizes, by expectation and maximisation.
 
@@ -61,10 +61,8 @@ from scara_kinetostatic.diagnosis.restricted_likelihood import (
     Whitened,
     estimate_levels,
     estimate_sizes,
-    large_sizes,
     penalised,
     posterior,
-    scatter,
     size_prior,
     weights_of,
 )
@@ -535,39 +533,21 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged
     return MixedModel(c, level, typical, is_free, solved.deviance + rejected, rejected, solved)
 
 
-def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
-    """A calibration by a model with what one large effect would change of it in its covariance, as far as the touches
-    do not exclude that: the estimate is that at the maximum of the likelihood of the sizes. Effects that are gross in
-    one of its alternatives count there.
-    """
-    solved, (kept, sizes) = model.solved, of_full_model(c)
-    gross = {label for item in c.alternatives for label in item.effects}
-    random = [] if c.random is None else [column.effect.label in gross for column in c.random.columns]
-    group = solved.group.copy()
-    group[len(group) - len(random) :][np.array(random, dtype=bool)] = -1
-    found = large_sizes(solved.inner, group, solved.weights)
-    if not found:
-        return c
-    more = solved.lift @ scatter(solved.inner, solved.weights, found) @ solved.lift.T
-    return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
-
-
 def with_assumed_places(c: Calibration) -> Calibration:
     """A calibration with places of undeclared objects as uncertain as is assumed of them."""
     more = by_assumed_places(c)
     return c if more is None else _with_contribution(c, ASSUMED_PLACES, more)
 
 
-def averaged(c: Calibration, alternatives: Sequence[Alternative]) -> Calibration:
+def averaged(c: Calibration, alternatives: Sequence[Alternative], unseen: Floats) -> Calibration:
     """A fit at the mean of the sets of effects that may be gross, by their probabilities, with their scatter in its
     covariance (law of total variance).
 
     Args:
         c: the fit.
         alternatives: the values by each set.
+        unseen: what of their covariance is of effects that are not seen.
     """
-    if not alternatives:
-        return c
     weight = np.array([item.probability for item in alternatives])
     c, mean = _moved_by(c, weight @ np.array([item.change for item in alternatives]))
     alternatives = tuple(
@@ -576,9 +556,14 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative]) -> Calibration
     off = np.array([item.change for item in alternatives])
     every = np.tensordot(weight, [item.covariance for item in alternatives], 1) + off.T @ (weight[:, None] * off)
     kept, sizes = of_full_model(c)
-    every = sizes[:, None] * every[np.ix_(kept, kept)] * sizes
-    more = _positive(every - c.covariance, np.sqrt(np.diag(every + c.covariance)))
-    return _with_contribution(with_projection(replace(c, alternatives=alternatives), c.projection), RIVALS, more)
+    every, unseen = (sizes[:, None] * part[np.ix_(kept, kept)] * sizes for part in (every, c.enlargement * unseen))
+    scale = np.sqrt(np.diag(every + c.covariance))
+    unseen = _positive(unseen, scale)
+    more = _positive(every - c.covariance - unseen, scale)
+    point = c.projection
+    c = with_projection(replace(c, alternatives=alternatives if len(alternatives) > 1 else ()), point)
+    c = _with_contribution(c, LARGE_EFFECT, unseen)
+    return _with_contribution(c, RIVALS, more) if c.alternatives else c
 
 
 def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:

@@ -161,7 +161,8 @@ class Odds(NamedTuple):
 
     Attributes:
         probabilities: of sets of labels, the likeliest first.
-        parts: of each set, the likeliest first.
+        merged: of each of these the sets that count with it, itself the first.
+        parts: of every set, those merged too, at its sizes, the likeliest first.
         log_evidence: of the touches with all sets together.
         bayes_factors: of each effect alone against none, by label, logarithms.
         best: of each effect alone the likeliest form, by label.
@@ -169,6 +170,7 @@ class Odds(NamedTuple):
     """
 
     probabilities: dict[Labels, float]
+    merged: dict[Labels, list[Labels]]
     parts: dict[Labels, list[SizedSet]]
     log_evidence: float
     bayes_factors: dict[str, float]
@@ -388,6 +390,7 @@ def _gathered(
         by_labels[frozenset(forms[k].label for k in part.forms)].append(part._replace(log=part.log - total))
     logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}
     priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in labels) for labels in logs}
+    merged_into = {labels: [labels] for labels in logs}
     for labels in sorted(logs, key=len, reverse=True):
         fewer = [labels - {x} for x in labels if len(labels) > 1 and labels - {x} in logs]
         if not fewer:
@@ -398,57 +401,64 @@ def _gathered(
             merged = float(np.logaddexp(logs[best], logs.pop(labels)))
             priors[best] += merged - logs[best]
             logs[best] = merged
+            merged_into[best] += merged_into.pop(labels)
     order = sorted(logs, key=lambda labels: -logs[labels])
     probabilities = {labels: float(np.exp(logs[labels])) for labels in order}
-    kept = {labels: sorted(by_labels[labels], key=lambda part: -part.log) for labels in order}
-    return Odds(probabilities, kept, total - 0.5 * constant, factors, likely, states)
+    kept = {labels: sorted(own, key=lambda part: -part.log) for labels, own in by_labels.items()}
+    return Odds(probabilities, merged_into, kept, total - 0.5 * constant, factors, likely, states)
 
 
 class Component(NamedTuple):
-    """The values by one set: their probability, means and covariance.
+    """The values with some sized sets, by their probabilities: mean, (v,), and covariance, (v, v)."""
 
-    Attributes:
-        labels: of the set.
-        probability: of it.
-        mean: (v,).
-        covariance: of these.
-    """
-
-    labels: Labels
-    probability: float
     mean: Floats
     covariance: Floats
 
 
-def components(p: LinearProblem, forms: Sequence[Form], odds: Odds, lift: Floats) -> list[Component]:
-    """The values by each set, averaged over the sizes.
+def components(
+    p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], parts: Sequence[Sequence[SizedSet]], lift: Floats
+) -> list[Component]:
+    """The values with each of several groups of sized sets.
+
+    At a size of the small parts the values are normal without gross effects, with mean m and covariance C; with those
+    of S, D_S (D = the change of the values by a unit of each gross column, y held), they have the mean
+    m - D_S G⁻¹ b_S and the covariance C + D_S G⁻¹ D_S', G = A_V[S, S] + diag(1/s²).
 
     Args:
         p: the linear problem.
         forms: of the effects.
-        odds: the posterior, of the sets that are wanted.
+        states: of the posterior.
+        parts: the sized sets of each group.
         lift: rows of values by Δ in the basis of J and the columns, (v, b + c + g).
     """
     b, c = len(p.of_residual), len(p.is_declared)
     by_base = lift[:, :b] @ linalg.solve_triangular(p.triangle, np.eye(b), check_finite=False)
-    of_base, found = by_base @ p.of_residual, list[Component]()
-    for labels, probability in odds.probabilities.items():
-        parts = odds.parts[labels][:_PARTS]
-        weights = np.exp([part.log - parts[0].log for part in parts])
+    by_columns, of_base = lift[:, b:] - by_base @ p.of_columns, by_base @ p.of_residual
+    plain = dict[int, tuple[Floats, Floats, Floats]]()
+    for number in {part.state for group in parts for part in group}:
+        width = states[number].widths
+        factor = np.linalg.cholesky(np.eye(c) + width[:, None] * p.gram[:c, :c] * width)
+        right = [p.gram[:c, c:], p.projected[:c, None], by_columns[:, :c].T]
+        half = _solved(np.asarray(factor), width[:, None] * np.concatenate(right, axis=1))
+        gross, y, rows = half[:, : len(p.gram) - c], half[:, len(p.gram) - c], half[:, len(p.gram) - c + 1 :].T
+        plain[number] = -rows @ y - of_base, rows @ rows.T + by_base @ by_base.T, by_columns[:, c:] - rows @ gross
+    found = list[Component]()
+    for group in parts:
+        weights = np.exp([part.log - max(one.log for one in group) for part in group])
         weights /= weights.sum()
-        means, second = list[Floats](), np.zeros((len(lift),) * 2)
-        for weight, part in zip(weights.tolist(), parts, strict=True):
-            columns = [c + forms[k].columns for k in part.forms]
-            acting = np.concatenate([np.arange(c), *columns]).astype(np.intp)
-            sizes = [np.full(len(one), size) for one, size in zip(columns, part.sizes, strict=True)]
-            width = np.concatenate([odds.states[part.state].widths, *sizes])
-            factor = np.linalg.cholesky(np.eye(len(acting)) + width[:, None] * p.gram[np.ix_(acting, acting)] * width)
-            rows = (lift[:, b + acting] - by_base @ p.of_columns[:, acting]) * width
-            half = _solved(factor, np.column_stack([rows.T, width * p.projected[acting]]))
-            rows, y = half[:, :-1].T, half[:, -1]
-            noise = 1.0 if p.noise_given else (p.square - float(y @ y)) / p.freedoms
-            means.append(-rows @ y - of_base)
-            second += weight * (noise * (rows @ rows.T + by_base @ by_base.T) + np.outer(means[-1], means[-1]))
-        mean = weights @ np.array(means)
-        found.append(Component(labels, probability, mean, second - np.outer(mean, mean)))
+        means, roots, second = list[Floats](), list[Floats](), np.zeros((len(lift),) * 2)
+        for weight, part in zip(weights.tolist(), group, strict=True):
+            state, (mean, covariance, change) = states[part.state], plain[part.state]
+            own = [forms[k].columns for k in part.forms]
+            columns = np.concatenate([*own, []]).astype(np.intp)
+            precision = np.repeat(np.power(part.sizes, -2.0), [len(one) for one in own])
+            root = np.linalg.cholesky(state.gram[np.ix_(columns, columns)] + np.diag(precision))
+            rows = _solved(np.asarray(root), np.column_stack([change[:, columns].T, state.projected[columns]]))
+            noise = 1.0 if p.noise_given else (state.square - float(rows[:, -1] @ rows[:, -1])) / p.freedoms
+            means.append(mean - rows[:, :-1].T @ rows[:, -1])
+            roots.append((weight * noise) ** 0.5 * rows[:, :-1])
+            second += weight * noise * covariance
+        mean, off = weights @ np.array(means), np.array(means)
+        rows = np.concatenate([*roots, weights[:, None] ** 0.5 * (off - mean)])
+        found.append(Component(mean, second + rows.T @ rows))
     return found

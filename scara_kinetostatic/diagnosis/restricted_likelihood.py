@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +13,6 @@ _LARGEST_STEP = 1.5
 """Of log τ."""
 _STEPS = 12
 """Of Fisher scoring."""
-_OTHERS = (1.0, 0.3, 0.1)
-"""Sizes of the others beside a large effect, in those of the fit: of beforehand equal probability."""
-_LARGE = np.geomspace(1.0, 10.0, 6)
-"""Sizes of a large effect, in its typical one: those of beforehand equal probability."""
 
 
 def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
@@ -166,79 +160,3 @@ def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights:
         whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
         found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
     return np.clip(found, 1e-4, 2.0)
-
-
-class LargeSize(NamedTuple):
-    """The size of one effect, the others as they are or smaller.
-
-    Attributes:
-        probability: of it.
-        size: in typical sizes.
-        columns: of the effect, k of them.
-        information: X'V⁻¹X of these, (k, k).
-        weights: sizes of all columns before, (c,).
-    """
-
-    probability: float
-    size: float
-    columns: Indices
-    information: Floats
-    weights: Floats
-
-
-def large_sizes(inner: Whitened, group: Indices, weights: Floats) -> list[LargeSize]:
-    """The sizes of one large effect, with even odds beforehand for there being one, any of them and any size alike.
-
-    Args:
-        inner: the problem.
-        group: of each column whose size was estimated and that is no named effect's; -1 of others, (c,).
-        weights: sizes of all columns in the fit, (c,).
-    """
-    found, usual, groups = list[LargeSize](), list[float](), np.unique(group[group >= 0])
-    for others in _OTHERS:
-        scaled = np.where(group >= 0, others, 1.0) * weights
-        deviance, inverse, effects = penalised(inner, scaled)
-        usual.append(-0.5 * deviance)
-        spread = inner.gram - inner.gram @ (scaled[:, None] * inverse * scaled) @ inner.gram
-        score = inner.projected - inner.gram @ (scaled * effects)
-        for g in groups:
-            at = np.flatnonzero(group == g)
-            sizes = _LARGE[weights[at[0]] < _LARGE]
-            part = spread[np.ix_(at, at)]
-            gained = _gained(part, score[at], sizes**2 - scaled[at[0]] ** 2) - 0.5 * deviance
-            found += [LargeSize(*pair, at, part, scaled) for pair in zip(gained.tolist(), sizes.tolist(), strict=True)]
-    odds = np.array([item.probability for item in found]) - np.log(len(_LARGE) * max(len(groups), 1))
-    odds -= np.logaddexp.reduce([*usual, *odds])
-    return [item._replace(probability=p) for item, p in zip(found, np.exp(odds).tolist(), strict=True)]
-
-
-def scatter(inner: Whitened, weights: Floats, found: Sequence[LargeSize]) -> Floats:
-    """By what large effects enlarge the covariance of `posterior` at sizes of the columns, (b + c, b + c): what is less
-    known with each, and the square of what it changes of the estimate, by its probability.
-    """
-    estimate, covariance, unit = _in_typical_sizes(inner, weights)
-    b, more = len(unit) - len(weights), np.zeros_like(covariance)
-    for _, group in groupby(found, key=lambda item: id(item.weights)):
-        items = list(group)
-        before, spread, now = _in_typical_sizes(inner, items[0].weights)
-        for probability, size, columns, information, _ in items:
-            at, square = b + columns, now[b + columns[0]] ** 2
-            across = spread[:, at] / square  # by what one of these columns changes all, as its prior gets wider
-            gain = np.linalg.inv(np.eye(len(at)) / (size**2 - square) + information)
-            off = before + across @ gain @ before[at] / square - estimate
-            more += probability * (np.outer(off, off) + across @ gain @ across.T)
-    return np.asarray(more / np.outer(unit, unit))
-
-
-def _in_typical_sizes(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """Y and the columns' values in typical sizes, their covariance, and these units."""
-    y, u, covariance = posterior(inner, weights)
-    unit = np.concatenate([np.ones(len(y)), weights])
-    return np.concatenate([y, u]) * unit, unit[:, None] * covariance * unit, unit
-
-
-def _gained(spread: Floats, score: Floats, more: Floats) -> Floats:
-    """Log likelihood gained by more variance of some columns, (m,), by their part of X'V⁻¹X and X'V⁻¹y."""
-    value, vector = np.linalg.eigh(spread)
-    inside = 1 + more[:, None] * np.maximum(value, 0.0)
-    return np.asarray(0.5 * (more[:, None] * np.square(vector.T @ score) / inside - np.log(inside)).sum(axis=1))

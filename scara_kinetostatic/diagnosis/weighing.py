@@ -43,6 +43,18 @@ LEAST = 1e-3
 """Probability below which a set of effects does not count."""
 
 
+class Mixture(NamedTuple):
+    """The values by the sets of effects.
+
+    Attributes:
+        alternatives: by each.
+        unseen: what effects that are not seen add to their mean covariance, (12 + k + m + r, 12 + k + m + r).
+    """
+
+    alternatives: tuple[Alternative, ...]
+    unseen: Floats
+
+
 class Weighed(NamedTuple):
     """The posterior at a fit.
 
@@ -95,46 +107,55 @@ class Weighed(NamedTuple):
         return (*found, *self.candidates.unidentifiable)
 
     @property
-    def _sets(self) -> dict[Labels, float]:
-        """The sets by what the touches show: an effect that is not seen, as its Bayes factor alone is small, counts as
-        none; what it may change is that of large effects (`mixed_model.with_large_effects`).
+    def _sets(self) -> dict[Labels, list[Labels]]:
+        """The sets by what the touches show, each with those that count with it: an effect that is not seen, as its
+        Bayes factor alone is small, counts with none.
         """
-        sets, has_none = dict[Labels, float](), frozenset() in self.odds.probabilities
-        for labels, probability in self.odds.probabilities.items():
-            is_seen = len(labels) != 1 or self.odds.bayes_factors[next(iter(labels))] >= np.log(NEEDED)
-            kept = labels if is_seen or not has_none else frozenset()
-            sets[kept] = sets.get(kept, 0.0) + probability
-        return {labels: probability for labels, probability in sets.items() if probability >= LEAST}
+        odds, sets = self.odds, dict[Labels, list[Labels]]()
+        for labels, probability in odds.probabilities.items():
+            is_seen = len(labels) != 1 or odds.bayes_factors[next(iter(labels))] >= np.log(NEEDED)
+            if probability >= LEAST or not is_seen:
+                kept = labels if is_seen or frozenset() not in odds.probabilities else frozenset[str]()
+                sets.setdefault(kept, []).extend(odds.merged[labels])
+        return sets
 
-    @property
-    def is_mixture(self) -> bool:
-        """Whether several sets count."""
-        return len(self._sets) > 1
-
-    def alternatives(self) -> tuple[Alternative, ...]:
-        """The values by each set with a probability of at least `LEAST` of which they can be stated; none of one."""
+    def mixture(self) -> Mixture:
+        """The values by each set with a probability of at least `LEAST` of which they can be stated."""
         b, c = len(self.linear.of_residual), len(self.linear.is_declared)
-        known, parts = np.asarray(np.isfinite(self.lift).all(axis=0)), dict[Labels, list[SizedSet]]()
-        for labels in self._sets:
-            every = (
-                (x, [known[b + c + self.forms[k].columns].all() for k in x.forms]) for x in self.odds.parts[labels]
-            )
-            parts[labels] = [part for part, is_known in every if all(is_known)]
-        sets = {labels: probability for labels, probability in self._sets.items() if parts[labels]}
-        if len(sets) < 2:
-            return ()
-        fit, odds = self.model.fit, self.odds._replace(parts=parts, probabilities=sets)
-        found = components(self.linear, self.forms, odds, np.nan_to_num(self.lift))
-        now, total = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), sum(sets.values())
-        less = np.zeros((len(now), len(now)))
+        known, fit, odds = np.asarray(np.isfinite(self.lift).all(axis=0)), self.model.fit, self.odds
+        named, probabilities = list[Labels](), list[float]()
+        own, with_unseen = list[list[SizedSet]](), list[list[SizedSet]]()
+        for labels, merged in self._sets.items():
+            every = [
+                [part for part in odds.parts[x] if all(known[b + c + self.forms[k].columns].all() for k in part.forms)]
+                for x in merged
+            ]
+            together = _likeliest_parts([part for some in every for part in some])
+            if every[0]:
+                named.append(labels)
+                own.append(every[0])
+                with_unseen.append(together)
+                probabilities.append(sum(odds.probabilities.get(x, 0.0) for x in merged))
+        weight, lift = np.array(probabilities) / sum(probabilities), np.nan_to_num(self.lift)
+        found = components(self.linear, self.forms, odds.states, [*with_unseen, *own], lift)
+        found, alone = found[: len(named)], found[len(named) :]
+        now, less = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), np.zeros((len(lift),) * 2)
         if fit.used.sum() > len(self.problem.force):  # some touches say how the sets differ, all where the fit is
-            named = {effect.label for effect, _, _ in fitted_effects(fit)}
-            own = max(found, key=lambda item: (item.labels == named, item.probability))
-            now, less = own.mean, own.covariance - fit.covariance_with_errors / fit.enlargement
-        return tuple(
-            Alternative(tuple(sorted(item.labels)), item.probability / total, item.mean - now, item.covariance - less)
-            for item in found
+            of_fit = {effect.label for effect, _, _ in fitted_effects(fit)}
+            first = max(range(len(named)), key=lambda k: (named[k] == of_fit, weight[k]))
+            now, less = found[first].mean, found[first].covariance - fit.covariance_with_errors / fit.enlargement
+        unseen = np.tensordot(weight, [a.covariance - b.covariance for a, b in zip(found, alone, strict=True)], 1)
+        alternatives = (
+            Alternative(tuple(sorted(labels)), p, item.mean - now, item.covariance - less)
+            for labels, p, item in zip(named, weight.tolist(), found, strict=True)
         )
+        return Mixture(tuple(alternatives), unseen)
+
+
+def _likeliest_parts(parts: Sequence[SizedSet]) -> list[SizedSet]:
+    """Those that are not negligible beside the likeliest of them."""
+    most = max((part.log for part in parts), default=0.0)
+    return [part for part in parts if part.log > most + np.log(LEAST)]
 
 
 def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
