@@ -136,7 +136,7 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
             unidentifiable.append(Ranked.unidentifiable(effect, part))
     taken = [set[int]() for _ in scans]
     alone = [scan.best(problem, some) for scan, some in zip(scans, taken, strict=True)]
-    partners = sorted([*found, *filter(None, alone)], key=lambda c: -np.sum((c.unit.T @ problem.left) ** 2))[:5]
+    partners = [item for item in found if item.effect in fitted]
     for scan, some, first in zip(scans, taken, alone, strict=True):
         beside = [scan.best(problem, some, partner.unit) for partner in partners if partner.effect != scan.effect]
         found += filter(None, (first, *beside))

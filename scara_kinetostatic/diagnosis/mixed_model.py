@@ -548,6 +548,8 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative], unseen: Floats
         alternatives: the values by each set.
         unseen: what of their covariance is of effects that are not seen.
     """
+    if not alternatives:
+        return c
     weight = np.array([item.probability for item in alternatives])
     c, mean = _moved_by(c, weight @ np.array([item.change for item in alternatives]))
     alternatives = tuple(

@@ -111,16 +111,15 @@ class Weighed(NamedTuple):
         """The sets by what the touches show, each with those that count with it: an effect that is not seen, as its
         Bayes factor alone is small, counts with none.
         """
-        odds, sets = self.odds, dict[Labels, list[Labels]]()
-        for labels, probability in odds.probabilities.items():
+        odds, sets = self.odds, {frozenset[str](): [frozenset[str]()]}
+        for labels in odds.probabilities:
             is_seen = len(labels) != 1 or odds.bayes_factors[next(iter(labels))] >= np.log(NEEDED)
-            if probability >= LEAST or not is_seen:
-                kept = labels if is_seen or frozenset() not in odds.probabilities else frozenset[str]()
-                sets.setdefault(kept, []).extend(odds.merged[labels])
-        return sets
+            sets.setdefault(labels if is_seen else frozenset(), []).extend(odds.merged[labels] if labels else ())
+        of_set = {labels: sum(odds.probabilities.get(one, 0.0) for one in merged) for labels, merged in sets.items()}
+        return {labels: merged for labels, merged in sets.items() if of_set[labels] >= LEAST}
 
     def mixture(self) -> Mixture:
-        """The values by each set with a probability of at least `LEAST` of which they can be stated."""
+        """The values by each set of at least `LEAST` of which they can be stated; empty where there is none."""
         b, c = len(self.linear.of_residual), len(self.linear.is_declared)
         known, fit, odds = np.asarray(np.isfinite(self.lift).all(axis=0)), self.model.fit, self.odds
         named, probabilities = list[Labels](), list[float]()
@@ -136,6 +135,8 @@ class Weighed(NamedTuple):
                 own.append(every[0])
                 with_unseen.append(together)
                 probabilities.append(sum(odds.probabilities.get(x, 0.0) for x in merged))
+        if not named:
+            return Mixture((), np.zeros((len(self.lift),) * 2))
         weight, lift = np.array(probabilities) / sum(probabilities), np.nan_to_num(self.lift)
         found = components(self.linear, self.forms, odds.states, [*with_unseen, *own], lift)
         found, alone = found[: len(named)], found[len(named) :]

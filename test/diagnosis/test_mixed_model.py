@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
-from scara_kinetostatic.diagnosis.restricted_likelihood import large_sizes, posterior, scatter, size_prior
+from scara_kinetostatic.diagnosis.restricted_likelihood import size_prior
 from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
@@ -195,28 +195,6 @@ def test_a_flaw_that_the_touches_hardly_show_counts(hardly_shown):
     assert np.linalg.eigvalsh(part / np.outer(std, std)).min() > -1e-9
 
 
-def test_what_a_large_size_changes_is_that_of_a_fit_with_it(hardly_shown):
-    model = fit_mixed(hardly_shown, catalogue(hardly_shown.cell))
-    problem, b = model.solved, model.solved.rank
-    found = large_sizes(problem.inner, problem.group, problem.weights)
-    assert len(found) > 200
-    assert 0 < sum(item.probability for item in found) < 1
-    y, u, _ = posterior(problem.inner, problem.weights)
-    unit, more = np.concatenate([np.ones(b), problem.weights]), 0.0
-    for item in found:
-        weights = item.weights.copy()
-        weights[item.columns] = item.size
-        before = posterior(problem.inner, item.weights)[2]
-        known = np.concatenate([np.ones(b), item.weights]) / unit
-        other_y, other_u, other = posterior(problem.inner, weights)
-        scale = np.concatenate([np.ones(b), weights]) / unit
-        off = np.concatenate([other_y - y, other_u * scale[b:] - u])
-        more += item.probability * (
-            scale[:, None] * other * scale - known[:, None] * before * known + np.outer(off, off)
-        )
-    np.testing.assert_allclose(scatter(problem.inner, problem.weights, found), more, atol=1e-7 * np.abs(more).max())
-
-
 def test_what_is_declared_is_no_undetected_effect():
     discs = tuple(disc._replace(center_std=DECLARED) for disc in PAPER_DISCS)
     labels = {part.label for part in mixed(replace(CELL, discs=discs)).contributions}
@@ -299,12 +277,12 @@ def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
     robot = ExtendedModel(PAPER_ACTUAL, tuple(displaced[:1]), ((5e-5, -3e-5),))
     c = calibrate(simulate_touches(cell, robot, default_plan(cell, 12, preload=0.3), cell.noise, 4), cell)
     model = fit_mixed(c, catalogue(cell), ExtendedModel(c.parameters, tuple(displaced), ((0.0, 0.0),) * 2))
-    union, every = model.fit, weigh(model, catalogue(cell)).alternatives()
+    union, (every, unseen) = model.fit, weigh(model, catalogue(cell)).mixture()
     assert ('object_position[disc_1]',) in {item.effects for item in every}
     assert len(every) > 1
     weight = np.array([item.probability for item in every])
     assert weight.sum() == pytest.approx(1.0)
-    found = averaged(union, every)
+    found = averaged(union, every, unseen)
     values = np.array([item.change for item in every])[:, :12]
     moved = found.parameters.as_array() - union.parameters.as_array()
     np.testing.assert_allclose(moved, weight @ values, rtol=0, atol=1e-12)
@@ -312,9 +290,9 @@ def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
     scatter = np.sqrt(weight @ (values - moved) ** 2)
     assert (found.std >= scatter * (1 - 1e-9)).all()
     assert found.force_error < 1.15 * union.force_error
-    far = averaged(union, [item._replace(change=20 * item.change) for item in every])
+    far = averaged(union, [item._replace(change=20 * item.change) for item in every], unseen)
     assert far.enlargement == union.enlargement, 'what the mean does not explain is no noise'
-    assert averaged(union, ()) is union
+    assert averaged(union, (), unseen) is union
 
 
 def test_the_values_by_an_error_that_is_declared_are_stated():
@@ -324,7 +302,7 @@ def test_the_values_by_an_error_that_is_declared_are_stated():
     robot = ExtendedModel(PAPER_ACTUAL, (place,), ((5e-5, -3e-5),))
     c = calibrate(simulate_touches(cell, robot, default_plan(cell, 12, preload=0.3), cell.noise, 4), cell)
     fit = (weighed := weigh(fit_mixed(c, catalogue(cell)), catalogue(cell))).model.fit
-    by_set = {item.effects: item for item in weighed.alternatives()}
+    by_set = {item.effects: item for item in weighed.mixture().alternatives}
     one = by_set['object_position[disc_1]',]
     at = len(fit.model.names) + fit.observe().declared.places[place.label]
     errors = fit.errors[at - len(fit.model.names)] + one.change[at]

@@ -88,8 +88,7 @@ def test_values_by_a_set_are_those_of_the_penalised_least_squares():
     part = odds.parts[label][0]
     lift = np.eye(BASE + 16)
     lift[BASE : BASE + 8, BASE + 8 :] = np.eye(8)  # a gross effect adds to the small one
-    only = odds._replace(probabilities={label: 1.0}, parts={label: [part]})
-    (found,) = components(problem, forms, only, lift[: BASE + 8])
+    (found,) = components(problem, forms, odds.states, [[part]], lift[: BASE + 8])
     widths = np.full(8, odds.states[part.state].widths[0])
     widths[4:6] = np.hypot(widths[4:6], part.sizes[0])
     every = np.concatenate([base, columns], axis=1)
