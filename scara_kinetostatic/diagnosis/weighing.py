@@ -159,89 +159,109 @@ def _likeliest_parts(parts: Sequence[SizedSet]) -> list[SizedSet]:
     return [part for part in parts if part.log > most + np.log(LEAST)]
 
 
+class _Columns(NamedTuple):
+    """Columns of the linear problem.
+
+    Attributes:
+        changes: of the whitened misclosures by each, (2n, k).
+        of_values: of all values of the model, declared errors and random effects, (12 + k + m + r, k); NaN of gross
+            effects that are neither named nor among the random ones.
+        is_declared: whether the size of each is given, (k,).
+    """
+
+    changes: Floats
+    of_values: Floats
+    is_declared: Mask
+
+
 def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     """Weigh the sets of effects of the catalogue at a fit."""
     c, problem = model.fit, pose_problem(model.fit, model.level)
-    arm, point = c.cell.uncertainty.effects.arm, problem.point
-    rows, m, size = point.whitened.residual.size, len(c.errors), len(c.model.names)
+    point, rows = problem.point, problem.point.whitened.residual.size
     every = all_candidates(problem, known)
-    kept = every.candidates
     by_errors = np.zeros((rows, 0)) if point.whitened.by_errors is None else point.whitened.by_errors.reshape(rows, -1)
-    by_effects = point.whitened.derivative.reshape(rows, -1)
-    own = amplitudes(c)
+    by_effects, own = point.whitened.derivative.reshape(rows, -1), amplitudes(c)
     y = point.whitened.residual.ravel() - by_errors @ np.concatenate([c.errors, c.random_values]) - by_effects @ own
-
-    trials = [item.trial for item in kept]
-    fitted = {effect: len(values) for effect, values, _ in fitted_effects(c) if len(values)}
-    units = [trial_units(item.effect, item.trial, arm) for item in kept]
-    for item, unit in zip(kept, units, strict=True):
-        if item.effect not in fitted:  # what the arm contains of an effect counts where it is named
-            unit[[p.is_alias for p in item.effect.parameters][: len(unit)]] = 0.0
-    gross = problem.changes(*trials) * np.concatenate([*units, []])
-    columns = np.split(np.arange(gross.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
-    of_gross = np.full((size + by_errors.shape[1], gross.shape[1]), np.nan)
-    labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
-    declared, kept_random = c.observe().declared, np.ones(len(labels), dtype=bool)
-    fresh, beside = list[tuple[Indices, Floats, Mask]](), [np.zeros((rows, 0))]
-    for item, unit, at in zip(kept, units, columns, strict=True):
-        own_random = np.flatnonzero(labels == item.effect.label)
-        own_errors = _errors_of(item.effect, declared, m + own_random)
-        if item.effect in fitted:
-            first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
-            places = first + np.arange(fitted[item.effect])
-            amount = np.linalg.lstsq(gross[:, at], by_effects[:, places] @ own[places], rcond=None)[0] * unit
-            of_gross[:, at] = 0.0
-            of_gross[np.ix_(places, at)] = _by_coefficients(item.trial, amount) * unit
-            if c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or len(own_errors):
-                continue  # of what is declared the small part is that
-            if item.effect.grid_parameter:  # small, it is where undetected effects are, not at the place found
-                beside.append(_small_part(problem, item.effect, arm))
-            else:
-                fresh.append((at, np.ones(len(at)), np.zeros(len(at), dtype=bool)))
-        elif len(own_errors):
-            found = np.linalg.lstsq(by_errors[:, own_errors], gross[:, at], rcond=1e-6)[0]
-            of_gross[:, at] = 0.0
-            of_gross[np.ix_(size + own_errors, at)] = found
-            if len(own_random) and not item.effect.grid_parameter:  # those of the fit are where it began
-                at = at[: len(own_random)]
-                assert c.random is not None
-                widths = (c.random.size * model.typical)[own_random] / unit[: len(at)]
-                fresh.append((at, widths, ~model.is_free[own_random]))
-                kept_random[own_random] = False
-    mine = np.concatenate([*(at for at, _, _ in fresh), []]).astype(np.intp)
-    widths = np.concatenate([*(part for _, part, _ in fresh), []])
-    stays = np.concatenate([np.ones(m, dtype=bool), kept_random])
-    by_small = np.concatenate([np.ones(m), model.typical])
-    small = np.concatenate([(by_errors * by_small)[:, stays], gross[:, mine] * widths, *beside], axis=1)
-    of_errors = np.pad(np.diag(by_small), ((size, 0), (0, 0)))[:, stays]
-    of_small = np.concatenate([of_errors, of_gross[:, mine] * widths], axis=1)
-    of_small = np.pad(of_small, ((0, 0), (0, small.shape[1] - of_small.shape[1])))
-    of_base = np.zeros((len(of_small), problem.jacobian.shape[1]))
-    of_base[: c.model.base_count] = problem.identifiable
-    is_declared = np.concatenate([np.ones(m, dtype=bool), ~model.is_free])[stays]
-    is_declared = np.concatenate([is_declared, *(part for _, _, part in fresh)]).astype(bool)
-    is_declared = np.pad(is_declared, (0, small.shape[1] - len(is_declared)))
-
+    gross, places = _gross_columns(problem, every.candidates, by_errors, by_effects * own)
+    small = _small_columns(
+        model, problem, by_errors, [(item.effect, at) for item, at in zip(every.candidates, places, strict=True)], gross
+    )
     behind, off = trusted_rows(c, problem.identifiable)
-    zeros = np.zeros((len(behind), small.shape[1] + gross.shape[1]))
+    columns = np.concatenate([small.changes, gross.changes], axis=1)
     linear = LinearProblem.of(
         np.concatenate([problem.jacobian, behind]),
-        np.concatenate([np.concatenate([small, gross], axis=1), zeros]),
+        np.pad(columns, ((0, len(behind)), (0, 0))),
         np.concatenate([y, off]),
-        is_declared,
+        small.is_declared,
         problem.noise_given,
         _log_determinant(point) + _log_determinant(select(c.projection, ~c.used)),
     )
-    shares = _shares(kept)
     forms = tuple(
         Form(item.effect.label if item.effect.is_physical else UNNAMED, at, share)
-        for item, at, share in zip(kept, columns, shares, strict=True)
+        for item, at, share in zip(every.candidates, places, _shares(every.candidates), strict=True)
     )
     present = {form.label for form in forms}
-    weights = {item.effect.label: _SPECIAL for item in kept if present & set(item.effect.special_cases)}
-    odds = posterior_odds(linear, forms, weights)
-    lift = np.concatenate([of_base, of_small, of_gross], axis=1)
-    return Weighed(model, problem, every, forms, linear, odds, lift)
+    weights = {x.effect.label: _SPECIAL for x in every.candidates if present & set(x.effect.special_cases)}
+    of_base = np.pad(problem.identifiable, ((0, len(small.of_values) - c.model.base_count), (0, 0)))
+    lift = np.concatenate([of_base, small.of_values, gross.of_values], axis=1)
+    return Weighed(model, problem, every, forms, linear, posterior_odds(linear, forms, weights), lift)
+
+
+def _gross_columns(
+    problem: Problem, candidates: Sequence[Candidate], by_errors: Floats, by_effects: Floats
+) -> tuple[_Columns, list[Indices]]:
+    """Those of candidates, each by its typical size, and where the columns of each are.
+
+    Args:
+        problem: the touches.
+        candidates: the effects.
+        by_errors: what one standard deviation of each declared error and random effect changes, (2n, m + r).
+        by_effects: what each value of the model with its amplitudes changes, (2n, 12 + k).
+    """
+    c, arm = problem.calibration, problem.calibration.cell.uncertainty.effects.arm
+    size, declared = len(c.model.names), c.observe().declared
+    labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
+    fitted = {effect: len(values) for effect, values, _ in fitted_effects(c) if len(values)}
+    units = [trial_units(item.effect, item.trial, arm) for item in candidates]
+    for item, unit in zip(candidates, units, strict=True):
+        if item.effect not in fitted:  # what the arm contains of an effect counts where it is named
+            unit[[p.is_alias for p in item.effect.parameters][: len(unit)]] = 0.0
+    changes = problem.changes(*(item.trial for item in candidates)) * np.concatenate([*units, []])
+    places = np.split(np.arange(changes.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
+    of_values = np.full((size + by_errors.shape[1], changes.shape[1]), np.nan)
+    for item, unit, at in zip(candidates, units, places, strict=True):
+        own = _errors_of(item.effect, declared, len(c.errors) + np.flatnonzero(labels == item.effect.label))
+        if item.effect in fitted:
+            first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
+            values = first + np.arange(fitted[item.effect])
+            amount = np.linalg.lstsq(changes[:, at], by_effects[:, values].sum(axis=1), rcond=None)[0] * unit
+            of_values[:, at] = 0.0
+            of_values[np.ix_(values, at)] = _by_coefficients(item.trial, amount) * unit
+        elif len(own):
+            of_values[:, at] = 0.0
+            of_values[np.ix_(size + own, at)] = np.linalg.lstsq(by_errors[:, own], changes[:, at], rcond=1e-6)[0]
+    return _Columns(changes, of_values, np.zeros(changes.shape[1], dtype=bool)), places
+
+
+def _small_columns(
+    model: MixedModel, problem: Problem, by_errors: Floats, effects: Sequence[tuple[Effect, Indices]], gross: _Columns
+) -> _Columns:
+    """Declared errors, the random effects of a fit, and the small part of what it names, which these are without."""
+    c, size = model.fit, len(model.fit.model.names)
+    width = np.concatenate([np.ones(len(c.errors)), model.typical])
+    is_declared = np.concatenate([np.ones(len(c.errors), dtype=bool), ~model.is_free])
+    parts = [_Columns(by_errors * width, np.pad(np.diag(width), ((size, 0), (0, 0))), is_declared)]
+    fitted = {effect for effect, values, _ in fitted_effects(c) if len(values)}
+    for effect, at in effects:
+        own = _errors_of(effect, c.observe().declared, np.zeros(0, dtype=np.intp))
+        if effect not in fitted or c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or len(own):
+            continue  # of what is declared the small part is that
+        changes, of_values = gross.changes[:, at], gross.of_values[:, at]
+        if effect.grid_parameter:  # small, it is where undetected effects are, not at the place found
+            changes = _small_part(problem, effect, c.cell.uncertainty.effects.arm)
+            of_values = np.zeros((len(of_values), changes.shape[1]))
+        parts.append(_Columns(changes, of_values, np.zeros(changes.shape[1], dtype=bool)))
+    return _Columns(*(np.concatenate(some, axis=-1) for some in zip(*parts, strict=True)))
 
 
 def _errors_of(effect: Effect, declared: DeclaredErrors | None, random: Indices) -> Indices:
