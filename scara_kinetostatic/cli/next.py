@@ -140,7 +140,7 @@ def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
         return False
     if found.now is not None and found.now <= tolerance and planner.arm.grade != 'unfit':
         print(
-            f'enough: the expanded uncertainty of the tip is at most {quantity(found.now, "m")} (k = 2), '
+            f'enough: the expanded uncertainty of the tip is at most {quantity(found.now, "m")} (95 %), '
             f'the tolerance {quantity(tolerance, "m")}; no touch was planned'
         )
         return True
@@ -182,6 +182,6 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
         more = [f'these touches hardly reduce it: its largest part is {planner.limit}']
     return (
         f'{len(planned.plan)} touches: {where}; clearance {clearance}\n'
-        f'expanded uncertainty of the tip (k = 2): {now}predicted {quantity(predicted, "m")}{tolerance}'
+        f'expanded uncertainty of the tip (95 %): {now}predicted {quantity(predicted, "m")}{tolerance}'
         + ''.join(f'\n{text}' for text in more)
     )

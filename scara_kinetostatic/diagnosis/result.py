@@ -135,6 +135,12 @@ class Diagnosis:
     inclusion: Mapping[str, float] = field(default_factory=dict)
     has_small_errors: bool = False
 
+    @property
+    def is_undecided(self) -> bool:
+        """Whether touches may tell what is missing: possible causes, or rather something than nothing."""
+        none = sum(item.probability for item in self.probabilities if not item.effects)
+        return self.verdict == 'ambiguous' or (self.verdict == 'none' and bool(self.probabilities) and none < 0.5)
+
     def effects_by_label(self) -> dict[str, Effect]:
         """All effects in the ranking and in the extended model, by label."""
         ranked = {item.effect.label: item.effect for item in self.ranking}

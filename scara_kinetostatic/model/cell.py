@@ -525,7 +525,7 @@ class Cell:
         identification: of robot, cell, sensor and people, for the report.
         plates: what carries several discs.
         uncertainty: of what is common to all touches; that of each disc and plate is theirs.
-        tolerance: largest expanded uncertainty (k = 2) of the tip that the use allows, m; None where none is stated.
+        tolerance: largest expanded uncertainty (95 %) of the tip that the use allows, m; None where none is stated.
         tip_radius: of the tip, m; contained in the radii of the discs. None where it is not stated.
         region: where the uncertainty of the tip has to hold.
         limits: lower and upper one of each joint's angle Q, rad, (2, 2); None where they are not stated.

@@ -209,7 +209,7 @@ def history_report(trends: Sequence[Trend], picture: str = 'trend') -> Report:
             tip = NOT_DETERMINED if worst is None else f'{micrometres(worst)} µm'
             since = 'first' if change is None else verdict(change)
             rows.append((str(entry.number), measured, entry.record.arm.grade, tip, since))
-        table = Table(('', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 5, tuple(rows))
+        table = Table(('', 'measured', 'grade', 'tip, 95 %', 'since the one before'), ('',) * 5, tuple(rows))
         figure = Figure(partial(_trend_picture, trend, f'{picture}{number}'), caption)
         sections.append(Section(trend.robot, (*lines, table, figure)))
         doubtful += [trend.robot] if trend.changed or trend.has_crept else []

@@ -50,8 +50,8 @@ from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.prediction import Robot, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
-_LEAST, _MOST_SETS = 1e-3, 6
-"""Sets that are less likely, or more of them, do not count."""
+_MOST_SETS = 8
+"""The others are as likely after the touches as before."""
 _DRAWS = 400
 """By each set."""
 _STEPS = np.outer([1.0, 2.0, 5.0], 10.0 ** np.arange(-9, 0)).ravel(order='F')
@@ -81,6 +81,7 @@ class Rivals(NamedTuple):
         robot: the calibrated one, with its effects and those too small to be detected.
         labels: of the sets.
         probability: (s,); they add up to 1.
+        share: of these sets in the probability of all.
         change: d of each, (s, v).
         covariance: C of each, (s, v, v).
     """
@@ -88,15 +89,16 @@ class Rivals(NamedTuple):
     robot: Robot
     labels: tuple[tuple[str, ...], ...]
     probability: Floats
+    share: float
     change: Floats
     covariance: Floats
 
     @classmethod
     def of(cls, c: Calibration) -> Rivals | None:
         """Those of a calibration; None where fewer than two sets count."""
-        likely = sorted((item for item in c.alternatives if item.probability >= _LEAST), key=lambda i: -i.probability)
-        if len(likely) < 2:
+        if not c.alternatives:
             return None
+        likely = sorted(c.alternatives, key=lambda item: -item.probability)
         columns = () if c.random is None else c.random.columns
         sizes = () if c.random is None else tuple(c.random.size.tolist())
         effects = tuple(effect for effect in c.model.effects if isinstance(effect, Effect))
@@ -104,7 +106,8 @@ class Rivals(NamedTuple):
         robot = Robot(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
         labels, probability, change, covariance = zip(*likely[:_MOST_SETS], strict=True)
         weight = np.array(probability)
-        return cls(robot, labels, weight / weight.sum(), np.array(change), np.array(covariance))
+        share = float(weight.sum())
+        return cls(robot, labels, weight / share, share, np.array(change), np.array(covariance))
 
     def rows(self, plan: Plan) -> Floats:
         """H of the touches of a plan, (n, 2, v)."""
@@ -305,8 +308,9 @@ def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> Decid
         number: of the touches.
     """
     chosen = rivals.choose(rows, number)
-    now, expected, many = float(rivals.probability.max()), rivals.forecast(rows[chosen]), rivals.many(rows, chosen)
+    odds, forecasts = rivals.share * rivals.probability, (rivals.forecast(rows[chosen]), rivals.many(rows, chosen))
+    expected, limit = (rivals.share * one.probability for one in forecasts)
     titles = tuple(candidates.select(np.array(chosen)).titles(rivals.robot.cell))
-    odds = tuple(zip(rivals.labels, rivals.probability.tolist(), strict=True))
-    found = Discrimination(odds, titles, now, expected.probability, MOST_TOUCHES, many.probability, ())
+    by_set = tuple(zip(rivals.labels, odds.tolist(), strict=True))
+    found = Discrimination(by_set, titles, float(odds.max()), expected, MOST_TOUCHES, limit, ())
     return DecidingTouches(found if found.is_decisive else found._replace(remedies=rivals.remedies(candidates)), chosen)

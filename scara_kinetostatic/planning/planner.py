@@ -16,7 +16,7 @@ that does not move the tip, as a disc elsewhere, is decided, too.
 uncertainty of the tip is predicted to go with the probability that is left to the less likely ones, to nothing where
 one is likely to reach 95 %.
 
-**Enough** is said where the expanded uncertainty (k = 2) of the tip is at most the tolerance all over the region, or
+**Enough** is said where the expanded uncertainty (95 %) of the tip is at most the tolerance all over the region, or
 where `MOST_TOUCHES` more would not bring it there: then what the cell declares as uncertain is the limit.
 
 Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-optimality) and
@@ -74,7 +74,7 @@ _SLIPS = 0.2
 
 
 class Uncertainty(NamedTuple):
-    """The largest expanded uncertainty (k = 2) of the tip over the region, m.
+    """The largest expanded uncertainty (95 %) of the tip over the region, m.
 
     Attributes:
         now: of the calibration; None for the nominal arm, infinite where it is not determined.
@@ -98,7 +98,7 @@ class Uncertainty(NamedTuple):
         if self.least <= tolerance:
             return ''
         return (
-            f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (k = 2)'
+            f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (95 %)'
             f', the tolerance is {quantity(tolerance, "m")}: '
             f'{100 * self.share:.0f} % of its variance is from {self.limit}'
         )
@@ -179,7 +179,7 @@ class Planner:
         now = known_or_infinite(tip.worst, tip.undetermined)
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
         of_tip = {item.label: item.tip for item in outcome.budget}
-        rivals = None if found.verdict == 'none' else Rivals.of(final)
+        rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
         choice = 0.0 if rivals is None else COVERAGE_FACTOR * float(np.nan_to_num(of_tip.pop(RIVALS, 0.0)))
         undetected = undetected_part(of_tip)
         sizes = dict[str, float]()

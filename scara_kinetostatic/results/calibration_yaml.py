@@ -147,7 +147,7 @@ FACTS = {
     'touches.used': Fact(int, 'touches that the result is made from'),
     'force_error.nominal': Fact(float, 'force error before, N'),
     'held_out_force_error.extended': Fact(float, 'the same after, on touches not used in the fit, N'),
-    'tip_uncertainty': Fact(float, 'largest expanded uncertainty of the tip in the workspace (k = 2), m'),
+    'tip_uncertainty': Fact(float, 'largest expanded uncertainty of the tip in the workspace (95 %), m'),
     'warnings': Fact(list, 'irregularities of the recordings'),
     'recordings': Fact(list, 'the recordings and touch tables'),
     'created': Fact(str, 'when the result was calculated, UTC'),

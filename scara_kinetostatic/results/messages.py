@@ -67,7 +67,7 @@ def verdict(outcome: Outcome) -> Verdict:
 
 def touches_that_decide(outcome: Outcome) -> Items | None:
     """Those that tell possible causes apart, with what is expected of them; None where there are none."""
-    found = outcome.discrimination if outcome.verdict == 'ambiguous' else None
+    found = outcome.discrimination if outcome.diagnosis.is_undecided else None
     if found is None or not found.is_decisive:
         return None
     return Items(found.touches, f'Touches that decide between {found.causes}, the likeliest: {found.forecast}')
