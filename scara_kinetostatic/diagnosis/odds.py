@@ -68,11 +68,14 @@ class Form(NamedTuple):
         label: of the effect.
         columns: places of its columns among the gross ones.
         share: of it in the prior of its effect, 0 to 1.
+        is_placed: whether it is at one place of many, a frequency or a friction, where the small columns of its effect
+            are at all of them: small, it may be at this one as well.
     """
 
     label: str
     columns: Indices
     share: float
+    is_placed: bool = False
 
 
 class LinearProblem(NamedTuple):
@@ -148,9 +151,18 @@ class _State(NamedTuple):
 
 
 class SizedSet(NamedTuple):
-    """A set at given sizes: its log posterior, the forms, their sizes, and the size of the small parts by number."""
+    """A set at given sizes.
+
+    Attributes:
+        log: its log posterior.
+        labels: of its gross effects.
+        forms: theirs, and those of small effects that are at one place.
+        sizes: of these.
+        state: the size of the small parts by number.
+    """
 
     log: float
+    labels: Labels
     forms: tuple[int, ...]
     sizes: tuple[float, ...]
     state: int
@@ -206,41 +218,51 @@ def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str
     weight[UNNAMED] = _UNNAMED_SHARE / NUMBER[1] * max(named, 1)
     every = np.poly([-weight[label] for label in labels])[:4]  # elementary symmetric polynomials of the weights
     log_number = np.log(NUMBER[: len(every)]) - np.log(every)
-    log_share = np.array([np.log(form.share * weight[form.label]) for form in forms])
     states = [_state(p, tau) for tau in _TAUS]
     total = np.logaddexp.reduce([state.log_prior for state in states])
     states = [state._replace(log_prior=state.log_prior - total) for state in states]
-    scan = _Scan(p, forms, states, log_share)
-    bare = [float(p.log_likelihood(np.array(s.square), np.array(s.log_determinant))) + s.log_prior for s in states]
-    parts = [SizedSet(log + log_number[0], (), (), k) for k, log in enumerate(bare)]
-    singles, alone = scan.integrated(np.arange(len(forms))[:, None])
-    parts += _shifted(singles, log_number[1] if len(labels) else 0.0)
-    best = _best_forms(forms, alone)
+    scan = _Scan(p, forms, states, np.array([np.log(weight[form.label]) for form in forms]), log_number)
+    log_none = float(np.logaddexp.reduce(scan.bare))
+    parts = [SizedSet(log + log_number[0], frozenset(), (), (), k) for k, log in enumerate(scan.bare)]
+    singles, alone = scan.integrated(np.arange(len(scan.ways))[:, None])
+    alone -= scan.log_number_of(np.arange(len(scan.ways))[:, None])
+    visible = _visible(scan.ways, alone, log_none)
+    parts += [part for part in singles if part.labels or part.forms[0] in {scan.ways[k].form for k in visible}]
+    best = [*_best_forms(forms, alone), *visible]
     if len(labels) > 1:
-        pairs = scan.promising([pair for pair in combinations(best, 2) if forms[pair[0]].label != forms[pair[1]].label])
+        pairs = scan.promising([pair for pair in combinations(best, 2) if scan.are_different(*pair)])
         found, evidence = scan.integrated(pairs)
-        parts += _shifted(found, log_number[2])
+        parts += found
         top = pairs[np.argsort(-evidence)[:_TRIPLES]]
-        grown = {
-            tuple(sorted((*pair, k)))
-            for pair in top.tolist()
-            for k in best
-            if forms[k].label not in (forms[pair[0]].label, forms[pair[1]].label)
-        }
+        grown = {tuple(sorted((*pair, k))) for pair in top.tolist() for k in best if scan.are_different(*pair, k)}
         if grown and len(log_number) > 3:
-            found, _ = scan.integrated(scan.promising(sorted(grown), 3 * _TRIPLES))
-            parts += _shifted(found, log_number[3])
-    log_none = float(np.logaddexp.reduce(bare))
+            parts += scan.integrated(scan.promising(sorted(grown), 3 * _TRIPLES))[0]
     factors, likely = dict[str, float](), dict[str, int]()
     for label in labels:
         own = [k for k, form in enumerate(forms) if form.label == label]
-        factors[label] = float(np.logaddexp.reduce(alone[own]) - log_none - np.log(weight[label]))
+        small = [alone[k] for k in visible if scan.ways[k].label == label]
+        without = np.logaddexp.reduce([log_none, *small])
+        factors[label] = float(np.logaddexp.reduce(alone[own]) - without - np.log(weight[label]))
         likely[label] = max(own, key=lambda k: alone[k])
-    return _gathered(parts, forms, log_number, weight, factors, likely, states, p.constant)
+    return _gathered(parts, log_number, weight, factors, likely, states, p.constant)
 
 
-def _shifted(parts: list[SizedSet], log: float) -> list[SizedSet]:
-    return [part._replace(log=part.log + log) for part in parts]
+class _Way(NamedTuple):
+    """A form, by number, with the label of its effect, as a gross effect or a small one."""
+
+    form: int
+    label: str
+    is_small: bool
+
+
+def _visible(ways: Sequence[_Way], alone: Floats, log_none: float) -> list[int]:
+    """The small ways, of effects of which these together have a Bayes factor of `NEEDED`, the likeliest of each."""
+    found = list[int]()
+    for label in dict.fromkeys(way.label for way in ways if way.is_small):
+        own = [k for k, way in enumerate(ways) if way.is_small and way.label == label]
+        if np.logaddexp.reduce(alone[own]) - log_none >= np.log(NEEDED):
+            found.append(max(own, key=lambda k: alone[k]))
+    return found
 
 
 def _best_forms(forms: Sequence[Form], alone: Floats) -> list[int]:
@@ -276,25 +298,59 @@ def _state(p: LinearProblem, tau: float) -> _State:
 
 
 class _Scan:
-    """Likelihoods of sets of forms, sizes integrated on the grid."""
+    """Likelihoods of sets of effects, sizes integrated on the grid.
 
-    def __init__(self, p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], log_share: Floats) -> None:
-        self.p, self.states, self.log_share = p, states, log_share
-        self.widths = np.array([len(form.columns) for form in forms], dtype=np.intp)
-        g = len(p.projected) - len(p.is_declared)
-        self.places = np.full((len(forms), max(self.widths, default=0)), g)  # g: a column of zeros
-        for row, form in zip(self.places, forms, strict=True):
-            row[: len(form.columns)] = form.columns
-        self.padded = [(np.pad(s.gram, (0, 1)), np.pad(s.projected, (0, 1))) for s in states]
+    Attributes:
+        ways: all forms as gross effects, then those that are placed as small ones.
+        bare: log evidence of no effect at each size of the small parts.
+    """
+
+    def __init__(
+        self, p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], log_weight: Floats, log_number: Floats
+    ) -> None:
+        self.p, self.states, self.log_number = p, states, log_number
+        placed = [k for k, form in enumerate(forms) if form.is_placed]
+        self.ways = [_Way(k, form.label, is_small=False) for k, form in enumerate(forms)]
+        self.ways += [_Way(k, forms[k].label, is_small=True) for k in placed]
+        self.bare = [
+            float(p.log_likelihood(np.array(s.square), np.array(s.log_determinant))) + s.log_prior for s in states
+        ]
+        log_share = np.log([form.share for form in forms])
+        self.log_prior = np.concatenate([log_share + log_weight, log_share[placed]])
+        own = [forms[way.form].columns for way in self.ways]
+        self.widths = np.array([len(one) for one in own], dtype=np.intp)
+        every, g = np.concatenate([*own, []]).astype(np.intp), int(self.widths.sum())
+        self.places = np.full((len(own), max(self.widths, default=0)), g)  # g: a column of zeros
+        first = np.cumsum(self.widths) - self.widths
+        for row, begin, width in zip(self.places, first.tolist(), self.widths.tolist(), strict=True):
+            row[:width] = begin + np.arange(width)
+        is_small = np.repeat([way.is_small for way in self.ways], self.widths)
+        self.padded = []
+        for tau, state in zip(_TAUS.tolist(), states, strict=True):
+            scale = np.where(is_small, tau, 1.0)
+            gram = scale[:, None] * state.gram[np.ix_(every, every)] * scale
+            self.padded.append((np.pad(gram, (0, 1)), np.pad(scale * state.projected[every], (0, 1))))
         x = SIZES / SCALE
-        self.log_size = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
+        of_gross = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
+        self.log_size = np.tile(of_gross, (len(self.ways), 1))
+        self.log_size[[way.is_small for way in self.ways]] = np.where(SIZES == 1.0, 0.0, -np.inf)  # τ is in the columns
+
+    def are_different(self, *ways: int) -> bool:
+        """Whether ways are of different effects."""
+        return len({self.ways[k].label for k in ways}) == len(ways)
+
+    def log_number_of(self, sets: Indices) -> Floats:
+        """Log prior of the number of gross effects of sets of ways (m, k), (m,)."""
+        is_gross = np.array([not way.is_small for way in self.ways], dtype=bool)
+        return np.asarray(self.log_number[is_gross[sets].sum(axis=1)]) if len(sets) else np.zeros(0)
 
     def integrated(self, sets: Indices) -> tuple[list[SizedSet], Floats]:
-        """The parts of sets of forms (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
+        """The parts of sets of ways (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
         m, k = sets.shape
-        shares = self.log_share[sets].sum(axis=1)
         logs = np.full((m, len(self.states), len(SIZES) ** k), -np.inf)
-        grid = np.sum(np.meshgrid(*(self.log_size,) * k, indexing='ij'), axis=0).ravel()
+        grid = (self.log_prior[sets].sum(axis=1) + self.log_number_of(sets))[:, None]
+        for column in sets.T:
+            grid = (grid[:, :, None] + self.log_size[column][:, None]).reshape(m, -1)
         width = self.widths[sets].max(axis=1, initial=0)
         for w in np.unique(width).tolist():
             at = np.flatnonzero(width == w)
@@ -303,7 +359,7 @@ class _Scan:
                 blocks = gram[columns[:, :, None], columns[:, None, :]], projected[columns]
                 quad, log_determinant = _gains(*blocks, w, k)
                 likelihood = self.p.log_likelihood(state.square - quad, state.log_determinant + log_determinant)
-                logs[at, number] = likelihood + grid + state.log_prior + shares[at, None]
+                logs[at, number] = likelihood + grid[at] + state.log_prior
         every = logs.reshape(m, -1)
         evidence = np.logaddexp.reduce(every, axis=1) if m else np.zeros(0)
         sizes = np.array(np.meshgrid(*(SIZES,) * k, indexing='ij')).reshape(k, -1).T
@@ -312,36 +368,40 @@ class _Scan:
         for row, (one, log) in enumerate(zip(sets.tolist(), evidence.tolist(), strict=True)):
             if log < most - _NEGLIGIBLE and k > 1:
                 continue
+            ways = [self.ways[number] for number in one]
+            labels = frozenset(way.label for way in ways if not way.is_small)
             order = np.argsort(-every[row])[: _PARTS if log > most - _NEGLIGIBLE / 2 else 1]
             taken = np.exp(np.logaddexp.reduce(every[row, order]) - log)
             for place in order.tolist():  # the rest counts with these
                 number, size = divmod(place, logs.shape[2])
+                of_each = zip(ways, sizes[size].tolist(), strict=True)
+                own = tuple(float(_TAUS[number]) if way.is_small else size for way, size in of_each)
                 log_part = float(every[row, place] - np.log(taken))
-                parts.append(SizedSet(log_part, tuple(one), tuple(sizes[size].tolist()), number))
+                parts.append(SizedSet(log_part, labels, tuple(way.form for way in ways), own, number))
         return parts, evidence
 
     def promising(self, sets: Sequence[tuple[int, ...]], most: int = _PAIRS) -> Indices:
-        """The sets that are likeliest at the likeliest sizes of the small parts, by one size for all effects."""
-        every = np.array(sets, dtype=np.intp)
-        k = every.shape[1]
-        bare = [
-            self.p.log_likelihood(np.array(s.square), np.array(s.log_determinant)) + s.log_prior for s in self.states
-        ]
-        guess = np.full(len(every), -np.inf)
-        width = self.widths[every].max(axis=1)
-        for number in {int(np.argmax(bare)), min(int(np.argmax(bare)), 2)}:
+        """The sets that are likeliest at the likeliest sizes of the small parts, by one size for all gross effects."""
+        every = np.array(sets, dtype=np.intp).reshape(len(sets), -1)
+        k, guess, prior = every.shape[1], np.full(len(every), -np.inf), self.log_prior[every].sum(axis=1)
+        prior += self.log_number_of(every)
+        is_small = np.array([way.is_small for way in self.ways], dtype=bool)[every]
+        width, likeliest = self.widths[every].max(axis=1, initial=0), int(np.argmax(self.bare))
+        for number in {likeliest, min(likeliest, 2)}:
             state, (gram, projected) = self.states[number], self.padded[number]
             for w in np.unique(width).tolist():
                 at = np.flatnonzero(width == w)
                 columns = self.places[every[at], :w].reshape(len(at), -1)
                 a, b = gram[columns[:, :, None], columns[:, None, :]], projected[columns]
                 for size in SIZES[[2, 4, 6]].tolist():
-                    inside = np.eye(k * w) + size**2 * a
-                    quad = size**2 * (b * np.linalg.solve(inside, b[..., None])[..., 0]).sum(axis=1)
+                    scale = np.repeat(np.where(is_small[at], 1.0, size), w, axis=1)
+                    inside = np.eye(k * w) + scale[:, :, None] * a * scale[:, None]
+                    right = scale * b
+                    quad = (right * np.linalg.solve(inside, right[..., None])[..., 0]).sum(axis=1)
                     log = self.p.log_likelihood(
                         state.square - quad, state.log_determinant + np.linalg.slogdet(inside)[1]
                     )
-                    guess[at] = np.maximum(guess[at], log + self.log_share[every[at]].sum(axis=1))
+                    guess[at] = np.maximum(guess[at], log + prior[at])
         return every[np.argsort(-guess)[:most]]
 
 
@@ -375,7 +435,6 @@ def _gains(gram: Floats, projected: Floats, w: int, k: int) -> tuple[Floats, Flo
 
 def _gathered(
     parts: Sequence[SizedSet],
-    forms: Sequence[Form],
     log_number: Floats,
     weight: Mapping[str, float],
     factors: dict[str, float],
@@ -387,7 +446,7 @@ def _gathered(
     total = float(np.logaddexp.reduce([part.log for part in parts]))
     by_labels = defaultdict[Labels, list[SizedSet]](list)
     for part in parts:
-        by_labels[frozenset(forms[k].label for k in part.forms)].append(part._replace(log=part.log - total))
+        by_labels[part.labels].append(part._replace(log=part.log - total))
     logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}
     priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in labels) for labels in logs}
     merged_into = {labels: [labels] for labels in logs}

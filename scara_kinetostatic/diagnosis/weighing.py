@@ -85,7 +85,8 @@ class Weighed(NamedTuple):
     def likeliest(self, excluded: frozenset[str]) -> list[Candidate]:
         """The effects of the likeliest set without some labels, in their likeliest forms."""
         labels = next((x for x in self.odds.probabilities if not excluded & x), frozenset[str]())
-        return [self.candidates.candidates[k] for k in self.odds.parts[labels][0].forms]
+        likely = self.odds.parts[labels][0].forms
+        return [self.candidates.candidates[k] for k in likely if self.forms[k].label in labels]
 
     def likeliest_of(self, members: Sequence[Candidate]) -> list[Candidate]:
         """That of some effects which is the likeliest alone."""
@@ -197,7 +198,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
         _log_determinant(point) + _log_determinant(select(c.projection, ~c.used)),
     )
     forms = tuple(
-        Form(item.effect.label if item.effect.is_physical else UNNAMED, at, share)
+        Form(item.effect.label if item.effect.is_physical else UNNAMED, at, share, _is_placed(item.effect))
         for item, at, share in zip(every.candidates, places, _shares(every.candidates), strict=True)
     )
     present = {form.label for form in forms}
@@ -277,6 +278,11 @@ def _small_part(problem: Problem, effect: Effect, arm: ArmClass) -> Floats:
     size = [typical_size(effect, column.parameter, arm) for column in columns]
     changes = problem.changes(Trial(derivatives(columns, at)))
     return changes * np.array(size) / max(len({column.values for column in columns}), 1) ** 0.5
+
+
+def _is_placed(effect: Effect) -> bool:
+    """Whether small columns of an effect are at all places of a grid, and not where it is."""
+    return bool(effect.grid_parameter) and not effect.is_stepwise
 
 
 def _log_determinant(point: Point) -> float:

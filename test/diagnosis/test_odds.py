@@ -148,3 +148,26 @@ def test_the_radius_of_a_mixture_holds_the_stated_part():
         assert np.mean(np.hypot(*places.T) <= r) == pytest.approx(0.95, abs=0.003)
     alone = radius(np.ones(1), np.zeros((1, 1, 2)), np.eye(2)[None, None])
     assert alone[0] == pytest.approx(stats.chi2(2).ppf(0.95) ** 0.5, rel=1e-4)
+
+
+def inclusions_of_a_wave(size: float, seed: int) -> tuple[float, float]:
+    """Of a wave that is at one of eight places, where small it may be at one as well, and where at all eight alone."""
+    rng = np.random.default_rng(seed)
+    base = rng.standard_normal((80, BASE))
+    places, others = 0.6 * rng.standard_normal((80, 16)), 0.6 * rng.standard_normal((80, 24))
+    y = rng.standard_normal(80) - places[:, :2] @ (size, -size) - others @ rng.standard_normal(24)
+    columns = np.concatenate([places / 8**0.5, others, places, others], axis=1)
+    problem = LinearProblem.of(base, columns, y, np.zeros(40, dtype=bool), True, 0.0)
+    found = list[float]()
+    for is_placed in (True, False):
+        forms = [Form('wave', np.array([2 * k, 2 * k + 1]), 1 / 8, is_placed) for k in range(8)]
+        forms += [Form(f'effect {k}', np.array([16 + 2 * k, 17 + 2 * k]), 1.0) for k in range(12)]
+        found.append(posterior_odds(problem, forms).inclusion.get('wave', 0.0))
+    return found[0], found[1]
+
+
+def test_a_small_wave_at_one_place_is_not_gross():
+    small = np.array([inclusions_of_a_wave(2.0, seed) for seed in range(6)])
+    assert small[:, 0].max() < 0.5
+    assert np.median(small[:, 1]) > 0.9, 'to a model in which it is small at all places alone'
+    assert np.min([inclusions_of_a_wave(20.0, seed) for seed in range(6)]) > 0.99
