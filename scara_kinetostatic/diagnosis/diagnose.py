@@ -154,18 +154,20 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     model.
     """
     plain = weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
-    off_normal, implausible = off_normal_p_value(c), '; '.join(advice.implausible_noise(c) or ())
-    is_noise = _chi_square_p_value(plain.model.fit) >= SIGNIFICANCE and off_normal >= FRICTION_SIGNIFICANCE
-    if plain.odds.none >= 0.5 and is_noise and not implausible and c.used.all():
+    off_normal = off_normal_p_value(c)
+    is_plain = plain.odds.none >= 0.5 and not plain.likeliest(frozenset()) and c.used.all()
+    if is_plain and off_normal >= FRICTION_SIGNIFICANCE and _is_explained(plain.model.fit, SIGNIFICANCE):
         return _without_effects(c, Search(plain, c), plain), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     if found.angles or found.named:
         found = _named(found, known)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
-        if _chi_square_p_value(plain.model.fit) >= STRICT_SIGNIFICANCE and not implausible:
-            return _without_effects(c, found, plain), found.deviance
+        for weighed in (found.weighed, plain):  # a small wave at one frequency is in the fit
+            if _is_explained(weighed.model.fit, STRICT_SIGNIFICANCE):
+                return _without_effects(c, found, weighed), found.deviance
     elif found.angles or found.named:
         return _with_extended_model(c, found, known), found.deviance
+    implausible = '; '.join(advice.implausible_noise(c) or ())
     weighed, dependences = found.weighed, find_dependences(c)
     significant = tuple(item for item in dependences if item.p_value * len(dependences) < SIGNIFICANCE)
     # noise stated too small is no model error
@@ -184,11 +186,13 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     ), found.deviance
 
 
-def _without_effects(c: Calibration, found: Search, plain: Weighed) -> Diagnosis:
-    """The diagnosis where nothing is shown to be missing: by a search, with the mixed model without names."""
-    fit = plain.model.fit
-    refitted = _averaged(plain, fit) if fit.random is not None else None
-    is_small = c.noise_source == 'given' and c.p_value < SIGNIFICANCE
+def _without_effects(c: Calibration, found: Search, weighed: Weighed) -> Diagnosis:
+    """The diagnosis where nothing is shown to be missing: by a search, with the sets weighed at a fit that explains the
+    touches.
+    """
+    fit = weighed.model.fit
+    refitted = _averaged(weighed, fit) if fit.random is not None else None
+    is_small = not _is_explained(c, SIGNIFICANCE)
     p_value = _p_value(found, fit)
     return Diagnosis(
         'none',
@@ -208,8 +212,13 @@ def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
     return with_assumed_places(averaged(fit, *weighed.mixture()))
 
 
+def _is_explained(fit: Calibration, level: float) -> bool:
+    """Whether a fit explains its residual at a level of significance, with plausible noise where this is estimated."""
+    return _chi_square_p_value(fit) >= level and advice.implausible_noise(fit) is None
+
+
 def _chi_square_p_value(fit: Calibration) -> float:
-    """P-value of the residual of a mixed model beside stated noise; 1 where the noise is estimated."""
+    """P-value of the residual of a fit beside stated noise; 1 where the noise is estimated."""
     return fit.p_value if fit.noise_source == 'given' else 1.0
 
 

@@ -52,7 +52,7 @@ def normal():
     random = np.random.default_rng(1)
     roots = random.normal(size=(3, 5, 5))
     probability, change = np.array([0.6, 0.3, 0.1]), random.normal(size=(3, 5))
-    return Rivals(Robot.of(CELL), (('a',), ('b',), ()), probability, change, roots @ roots.swapaxes(1, 2))
+    return Rivals(Robot.of(CELL), (('a',), ('b',), ()), probability, 1.0, change, roots @ roots.swapaxes(1, 2))
 
 
 def bound(rivals, rows):
@@ -102,7 +102,7 @@ def test_columns_of_planned_touches_are_those_of_the_calibration(displaced):
     assert rows.shape == made.shape
     assert rows.shape[2] == rivals.change.shape[1]
     sizes = np.linalg.norm(rows, axis=(0, 1)) * np.linalg.norm(made, axis=(0, 1))
-    assert ((rows * made).sum(axis=(0, 1)) > 0.99 * sizes)[sizes > 1e-2].all()
+    assert ((rows * made).sum(axis=(0, 1)) > 0.97 * sizes)[sizes > 1e-2].all()  # a slide is not exactly as planned
 
 
 def test_touches_that_decide_tell_more_than_those_for_accuracy(gain):
