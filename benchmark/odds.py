@@ -330,9 +330,11 @@ def figures(records: Sequence[Record]) -> dict[str, str]:
 
 
 def bands(records: Sequence[Record]) -> list[tuple[float, ...]]:
-    """Of the inclusions in each of `BANDS`: number, mean of those stated, share that is true, its 95 % limits."""
+    """Of the inclusions in each of `BANDS`: number, mean of those stated, share that is true, its 95 % limits; true is
+    an effect that is gross, large in its population, or beyond `LARGE` typical sizes.
+    """
     rows = [
-        (p, label in right_names((*record['truth'], *record['large'])))
+        (p, label in right_names((*record['truth'], *record['large'])) or record['sizes'].get(label, 0.0) > LARGE)
         for record in records
         for label, p in record.get('inclusion', {}).items()
     ]

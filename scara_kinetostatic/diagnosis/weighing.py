@@ -83,7 +83,7 @@ class Weighed(NamedTuple):
         return -2 * self.odds.log_evidence + self.model.rejected
 
     def likeliest(self, excluded: frozenset[str]) -> list[Candidate]:
-        """The effects of the likeliest set without some labels, in their likeliest forms; small ones at one place too."""
+        """The effects of the likeliest set without some labels, in their likeliest forms; small ones too."""
         labels = next((x for x in self.odds.probabilities if not excluded & x), frozenset[str]())
         likely = self.odds.parts[labels][0].forms
         return [self.candidates.candidates[k] for k in likely if self.forms[k].label not in excluded]
