@@ -202,7 +202,7 @@ def _settled(
         if settled and (good == moved.used).all():
             break
         latest = with_projection(replace(moved, used=good), moved.projection)
-        if number == 0 and latest.random is not None:  # the columns at the readings there, not where the fit began
+        if number == 0 and shift > 1.0 and latest.random is not None:  # the columns are those of where the fit began
             latest = replace(latest, random=_with_random_effects(latest, latest.model, known)[0].random)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')

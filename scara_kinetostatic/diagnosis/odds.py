@@ -35,6 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg import lapack
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
@@ -275,8 +276,8 @@ def _best_forms(forms: Sequence[Form], alone: Floats) -> list[int]:
 
 
 def _solved(factor: Floats, right: Floats) -> Floats:
-    """L⁻¹ B; of no rows none, as older SciPy refuses them."""
-    return np.asarray(linalg.solve_triangular(factor, right, lower=True, check_finite=False)) if len(factor) else right
+    """L⁻¹ B; of no rows none, which LAPACK refuses."""
+    return np.asarray(lapack.dtrtrs(factor, right, lower=1)[0]) if len(factor) else right
 
 
 def _state(p: LinearProblem, tau: float) -> _State:
@@ -503,21 +504,29 @@ def components(
         plain[number] = -rows @ y - of_base, rows @ rows.T + by_base @ by_base.T, by_columns[:, c:] - rows @ gross
     found = list[Component]()
     for group in parts:
-        weights = np.exp([part.log - max(one.log for one in group) for part in group])
-        weights /= weights.sum()
-        means, roots, second = list[Floats](), list[Floats](), np.zeros((len(lift),) * 2)
-        for weight, part in zip(weights.tolist(), group, strict=True):
-            state, (mean, covariance, change) = states[part.state], plain[part.state]
-            own = [forms[k].columns for k in part.forms]
-            columns = np.concatenate([*own, []]).astype(np.intp)
-            precision = np.repeat(np.power(part.sizes, -2.0), [len(one) for one in own])
-            root = np.linalg.cholesky(state.gram[np.ix_(columns, columns)] + np.diag(precision))
-            rows = _solved(np.asarray(root), np.column_stack([change[:, columns].T, state.projected[columns]]))
-            noise = 1.0 if p.noise_given else (state.square - float(rows[:, -1] @ rows[:, -1])) / p.freedoms
-            means.append(mean - rows[:, :-1].T @ rows[:, -1])
-            roots.append((weight * noise) ** 0.5 * rows[:, :-1])
-            second += weight * noise * covariance
-        mean, off = weights @ np.array(means), np.array(means)
-        rows = np.concatenate([*roots, weights[:, None] ** 0.5 * (off - mean)])
-        found.append(Component(mean, second + rows.T @ rows))
+        means, roots, weights = list[Floats](), list[Floats](), list[Floats]()
+        second, most = np.zeros((len(lift),) * 2), max(part.log for part in group)
+        alike = defaultdict[tuple[int, int], list[SizedSet]](list)
+        for part in group:
+            alike[part.state, sum(len(forms[k].columns) for k in part.forms)].append(part)
+        for (number, _), some in alike.items():
+            state, (mean, covariance, change) = states[number], plain[number]
+            own = [[forms[k].columns for k in part.forms] for part in some]
+            columns = np.array([np.concatenate([*one, []]) for one in own], dtype=np.intp)
+            each = (np.repeat(x.sizes, [len(k) for k in one]) for x, one in zip(some, own, strict=True))
+            precision = np.power(np.array(list(each)), -2.0)[:, :, None] * np.eye(columns.shape[1])
+            root = np.linalg.cholesky(state.gram[columns[:, :, None], columns[:, None, :]] + precision)
+            right = [change[:, columns].transpose(1, 2, 0), state.projected[columns][..., None]]
+            rows = np.linalg.solve(root, np.concatenate(right, axis=2))
+            rows, y = rows[..., :-1], rows[..., -1:]
+            noise = np.ones(len(some)) if p.noise_given else (state.square - (y**2).sum(axis=(1, 2))) / p.freedoms
+            weight = np.exp([part.log - most for part in some])
+            weights.append(weight)
+            means.append(mean - (rows * y).sum(axis=1))
+            roots.append((np.sqrt(weight * noise)[:, None, None] * rows).reshape(-1, len(lift)))
+            second += (weight @ noise) * covariance
+        weight, mean = np.concatenate(weights), np.concatenate(means)
+        total, middle = weight.sum(), weight @ mean / weight.sum()
+        rows = np.concatenate([*roots, np.sqrt(weight)[:, None] * (mean - middle)])
+        found.append(Component(middle, (second + rows.T @ rows) / total))
     return found

@@ -252,9 +252,9 @@ def _small_columns(
     width = np.concatenate([np.ones(len(c.errors)), model.typical])
     is_declared = np.concatenate([np.ones(len(c.errors), dtype=bool), ~model.is_free])
     parts = [_Columns(by_errors * width, np.pad(np.diag(width), ((size, 0), (0, 0))), is_declared)]
-    fitted = {effect for effect, values, _ in fitted_effects(c) if len(values)}
+    fitted, declared = {effect for effect, values, _ in fitted_effects(c) if len(values)}, c.observe().declared
     for effect, at in effects:
-        own = _errors_of(effect, c.observe().declared, np.zeros(0, dtype=np.intp))
+        own = _errors_of(effect, declared, np.zeros(0, dtype=np.intp))
         if effect not in fitted or c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or len(own):
             continue  # of what is declared the small part is that
         changes, of_values = gross.changes[:, at], gross.of_values[:, at]
