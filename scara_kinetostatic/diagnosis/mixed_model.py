@@ -541,14 +541,14 @@ def with_assumed_places(c: Calibration) -> Calibration:
     return c if more is None else _with_contribution(c, ASSUMED_PLACES, more)
 
 
-def averaged(c: Calibration, alternatives: Sequence[Alternative], unseen: Floats) -> Calibration:
+def averaged(c: Calibration, alternatives: Sequence[Alternative], undetected: Floats) -> Calibration:
     """A fit at the mean of the sets of effects that may be gross, by their probabilities, with their scatter in its
     covariance (law of total variance).
 
     Args:
         c: the fit.
         alternatives: the values by each set.
-        unseen: what of their covariance is of effects that are not seen.
+        undetected: what of their covariance is of effects that are not seen.
     """
     if not alternatives:
         return c
@@ -560,13 +560,15 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative], unseen: Floats
     off = np.array([item.change for item in alternatives])
     every = np.tensordot(weight, [item.covariance for item in alternatives], 1) + off.T @ (weight[:, None] * off)
     kept, sizes = of_full_model(c)
-    every, unseen = (sizes[:, None] * part[np.ix_(kept, kept)] * sizes for part in (every, c.enlargement * unseen))
+    every, undetected = (
+        sizes[:, None] * part[np.ix_(kept, kept)] * sizes for part in (every, c.enlargement * undetected)
+    )
     scale = np.sqrt(np.diag(every + c.covariance))
-    unseen = _positive(unseen, scale)
-    more = _positive(every - c.covariance - unseen, scale)
+    undetected = _positive(undetected, scale)
+    more = _positive(every - c.covariance - undetected, scale)
     point = c.projection
     c = with_projection(replace(c, alternatives=alternatives if len(alternatives) > 1 else ()), point)
-    c = _with_contribution(c, LARGE_EFFECT, unseen)
+    c = _with_contribution(c, LARGE_EFFECT, undetected)
     return _with_contribution(c, RIVALS, more) if c.alternatives else c
 
 

@@ -48,11 +48,11 @@ class Mixture(NamedTuple):
 
     Attributes:
         alternatives: by each.
-        unseen: what effects that are not seen add to their mean covariance, (12 + k + m + r, 12 + k + m + r).
+        undetected: what effects that are not seen add to their mean covariance, (12 + k + m + r, 12 + k + m + r).
     """
 
     alternatives: tuple[Alternative, ...]
-    unseen: Floats
+    undetected: Floats
 
 
 class Weighed(NamedTuple):
@@ -124,7 +124,7 @@ class Weighed(NamedTuple):
         b, c = len(self.linear.of_residual), len(self.linear.is_declared)
         known, fit, odds = np.asarray(np.isfinite(self.lift).all(axis=0)), self.model.fit, self.odds
         named, probabilities = list[Labels](), list[float]()
-        own, with_unseen = list[list[SizedSet]](), list[list[SizedSet]]()
+        own, with_undetected = list[list[SizedSet]](), list[list[SizedSet]]()
         for labels, merged in self._sets.items():
             every = [
                 [part for part in odds.parts[x] if all(known[b + c + self.forms[k].columns].all() for k in part.forms)]
@@ -134,24 +134,24 @@ class Weighed(NamedTuple):
             if every[0]:
                 named.append(labels)
                 own.append(every[0])
-                with_unseen.append(together)
+                with_undetected.append(together)
                 probabilities.append(sum(odds.probabilities.get(x, 0.0) for x in merged))
         if not named:
             return Mixture((), np.zeros((len(self.lift),) * 2))
         weight, lift = np.array(probabilities) / sum(probabilities), np.nan_to_num(self.lift)
-        found = components(self.linear, self.forms, odds.states, [*with_unseen, *own], lift)
+        found = components(self.linear, self.forms, odds.states, [*with_undetected, *own], lift)
         found, alone = found[: len(named)], found[len(named) :]
         now, less = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), np.zeros((len(lift),) * 2)
         if fit.used.sum() > len(self.problem.force):  # some touches say how the sets differ, all where the fit is
             of_fit = {effect.label for effect, _, _ in fitted_effects(fit)}
             first = max(range(len(named)), key=lambda k: (named[k] == of_fit, weight[k]))
             now, less = found[first].mean, found[first].covariance - fit.covariance_with_errors / fit.enlargement
-        unseen = np.tensordot(weight, [a.covariance - b.covariance for a, b in zip(found, alone, strict=True)], 1)
+        undetected = np.tensordot(weight, [a.covariance - b.covariance for a, b in zip(found, alone, strict=True)], 1)
         alternatives = (
             Alternative(tuple(sorted(labels)), p, item.mean - now, item.covariance - less)
             for labels, p, item in zip(named, weight.tolist(), found, strict=True)
         )
-        return Mixture(tuple(alternatives), unseen)
+        return Mixture(tuple(alternatives), undetected)
 
 
 def _likeliest_parts(parts: Sequence[SizedSet]) -> list[SizedSet]:

@@ -277,12 +277,12 @@ def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
     robot = ExtendedModel(PAPER_ACTUAL, tuple(displaced[:1]), ((5e-5, -3e-5),))
     c = calibrate(simulate_touches(cell, robot, default_plan(cell, 12, preload=0.3), cell.noise, 4), cell)
     model = fit_mixed(c, catalogue(cell), ExtendedModel(c.parameters, tuple(displaced), ((0.0, 0.0),) * 2))
-    union, (every, unseen) = model.fit, weigh(model, catalogue(cell)).mixture()
+    union, (every, undetected) = model.fit, weigh(model, catalogue(cell)).mixture()
     assert ('object_position[disc_1]',) in {item.effects for item in every}
     assert len(every) > 1
     weight = np.array([item.probability for item in every])
     assert weight.sum() == pytest.approx(1.0)
-    found = averaged(union, every, unseen)
+    found = averaged(union, every, undetected)
     values = np.array([item.change for item in every])[:, :12]
     moved = found.parameters.as_array() - union.parameters.as_array()
     np.testing.assert_allclose(moved, weight @ values, rtol=0, atol=1e-12)
@@ -290,9 +290,9 @@ def test_with_rivals_the_estimate_is_their_mean_and_the_touches_still_agree():
     scatter = np.sqrt(weight @ (values - moved) ** 2)
     assert (found.std >= scatter * (1 - 1e-9)).all()
     assert found.force_error < 1.15 * union.force_error
-    far = averaged(union, [item._replace(change=20 * item.change) for item in every], unseen)
+    far = averaged(union, [item._replace(change=20 * item.change) for item in every], undetected)
     assert far.enlargement == union.enlargement, 'what the mean does not explain is no noise'
-    assert averaged(union, (), unseen) is union
+    assert averaged(union, (), undetected) is union
 
 
 def test_the_values_by_an_error_that_is_declared_are_stated():
