@@ -53,7 +53,8 @@ class Bench:
         while not until():
             step()
             self._executor.spin_once(timeout_sec=0.02)
-            assert monotonic() < end, [(status.level, status.message) for status in self.statuses[-1:]]
+            said = [(status.level, status.message) for status in self.statuses[-1:]]
+            assert monotonic() < end, (said, getattr(self.node, '_absence', str)())
 
     def meet(self, *publishers: Publisher) -> None:
         """Waits until each publisher and the subscription of the node know each other: then nothing is missed."""
