@@ -18,7 +18,7 @@ from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence, percent
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import ASSUMED_PLACES, RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.noise_estimation import reading_noise
 from scara_kinetostatic.calibration.prior_knowledge import nominal_uncertainty
 from scara_kinetostatic.calibration.result import Calibration
@@ -103,8 +103,9 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
 
 def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
     """A cell without gravity whose touches fit much better with it: the arm stands upright."""
-    c = evidence.final
-    if evidence.diagnosis.verdict not in ('unexplained', 'ambiguous') or c.parameters.has_gravity or c.fixed:
+    c, d = evidence.final, evidence.diagnosis
+    likely = d.inclusion.get(BaseTilt.name, 0.0) if d.verdict == 'ambiguous' else 1.0
+    if d.verdict not in ('unexplained', 'ambiguous') or not likely or c.parameters.has_gravity or c.fixed:
         return
     for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
         try:
@@ -116,9 +117,8 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
             errors = f'the force error is {upright.force_error:.2g} N instead of {before:.2g} N'
             action = f'state `gravity` in the cell description, such as {list(gravity)}'
             action += ', and `robot.moments` where known'
-            likely = evidence.diagnosis.inclusion.get(BaseTilt.name, 1.0)
             reason = f'with gravity along {axis} {errors}: the arm'
-            if evidence.diagnosis.verdict == 'ambiguous' and likely < FOUND:
+            if likely < FOUND:
                 yield Remark(
                     Grade.CAUTION, f'{reason} may stand upright ({percent(likely)} %)', f'if it does, {action}'
                 )
@@ -425,6 +425,10 @@ def advice(evidence: Evidence) -> str:
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
+    if largest.label == ASSUMED_PLACES:
+        return (
+            'measure the places of the objects and declare how well they are known: what is assumed of them dominates'
+        )
     if largest.kind == UNDETECTED:
         elsewhere = 'elsewhere, with other forces and both elbows'
         return f'record more touches, {elsewhere}: effects too small to be found dominate'

@@ -166,7 +166,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
             if _is_explained(weighed.model.fit, STRICT_SIGNIFICANCE):
                 return _without_effects(c, found, weighed), found.deviance
     elif found.angles or found.named:
-        return _with_extended_model(c, found, known), found.deviance
+        return _with_extended_model(c, found), found.deviance
     implausible = '; '.join(advice.implausible_noise(c) or ())
     weighed, dependences = found.weighed, find_dependences(c)
     significant = tuple(item for item in dependences if item.p_value * len(dependences) < SIGNIFICANCE)
@@ -208,7 +208,9 @@ def _without_effects(c: Calibration, found: Search, weighed: Weighed) -> Diagnos
 
 
 def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
-    """The mean over the sets of effects, and what large effects that are not seen may change."""
+    """The mean over the sets of effects, with their scatter and what effects that are not seen may change, and what is
+    assumed of undeclared places.
+    """
     return with_assumed_places(averaged(fit, *weighed.mixture()))
 
 
@@ -243,13 +245,12 @@ def _named(found: Search, known: tuple[Effect, ...]) -> Search:
     return found if set(wanted) == set(named) else naming(found, known, wanted)
 
 
-def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
+def _with_extended_model(c: Calibration, found: Search) -> Diagnosis:
     """The diagnosis with an extended model: verdict, effects, rivals.
 
     Args:
         c: the base model.
         found: the effects that may be missing.
-        known: the catalogue.
     """
     when = moments(found.fit)
     included = found.inclusion

@@ -291,8 +291,7 @@ class _Solved(NamedTuple):
         levels: variances of the noise of joints and force, in those of the linearisation.
         inner: the problem in the metric of the noise.
         group: of each column, -1 but of random effects whose size is estimated, (c,).
-        weights: sizes of the columns, in those that τ = 1 stands for: the root mean square, (c,).
-        tau: the same in the units of the columns, (c,).
+        tau: sizes of the columns in their units: the root mean square, (c,).
         lift: from the changes of L̄ in the basis of the fit without effects and the values of the columns to all values
             of the model, declared errors and random values, the last in units of `tau`, (12 + k + m + r, b + c).
         change: these by the penalised estimate, (12 + k + m + r,).
@@ -305,7 +304,6 @@ class _Solved(NamedTuple):
     levels: Floats
     inner: Whitened
     group: Indices
-    weights: Floats
     tau: Floats
     lift: Floats
     change: Floats
@@ -367,7 +365,6 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
         levels,
         inner,
         group,
-        weights,
         tau,
         lift,
         change=lift @ np.concatenate([y, u]),
