@@ -26,6 +26,7 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise, of_steps
+from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
@@ -248,7 +249,7 @@ def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
 def sets_in_words(d: Diagnosis, most: int = 3) -> str:
     """The likeliest sets of effects with their probabilities."""
     effects = d.effects_by_label()
-    known = {'unnamed': 'something else'}
+    known = {UNNAMED: 'something else'}
     texts = []
     for item in d.probabilities[:most]:
         names = [known.get(label) or (effects[label].title if label in effects else label) for label in item.effects]
