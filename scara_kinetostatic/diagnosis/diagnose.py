@@ -336,9 +336,9 @@ def _values(effect: Effect, values: Floats, stds: Floats, calibration: Calibrati
     )
 
 
-def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
-    """The effects of the catalogue that are not named, with an amplitude beyond their typical size, or so many times
-    that size: of each its largest column.
+def suspects(final: Calibration) -> tuple[Found, ...]:
+    """The effects of the catalogue that are not named, with an amplitude beyond their typical size: of each its largest
+    column.
     """
     random, arm = final.random, final.cell.uncertainty.effects.arm
     if random is None:
@@ -348,7 +348,7 @@ def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
     ratio = np.abs(value) / [typical_size(column.effect, column.parameter, arm) for column in random.columns]
     for k in np.argsort(-ratio, kind='stable').tolist():
         effect, form, _ = random.columns[k]
-        if ratio[k] <= least or effect.label in found:
+        if ratio[k] <= 1 or effect.label in found:
             continue
         parts = [
             (effect.parameters[column.parameter], j)

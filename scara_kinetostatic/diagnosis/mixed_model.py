@@ -87,6 +87,8 @@ _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
 """Standard deviations by which no step leads to a solution."""
+_MOST_STEPS = 8
+"""Linearisations at most."""
 _SETTLED = 0.05
 """Standard deviations by which a further linearisation may move a value."""
 
@@ -131,7 +133,6 @@ def fit_mixed(
     c: Calibration,
     known: Sequence[Effect],
     named: ExtendedModel | None = None,
-    most: int = 8,
     *,
     keeps_touches: bool = False,
     freedoms: float = LIGHT_TAILS,
@@ -144,7 +145,6 @@ def fit_mixed(
         c: the base model; effects that it has stay as they are.
         known: the catalogue.
         named: the effects to name, with values to begin with, and L̄; None for none.
-        most: linearisations at most.
         keeps_touches: whether outliers stay, as what is missing may explain them.
         freedoms: of the prior of the sizes.
         begin: a fit of the same effects to begin at, with its undetected effects and their sizes; None to begin
@@ -159,7 +159,7 @@ def fit_mixed(
     values = (*own.effect_values, *named.effect_values)
     model = ExtendedModel(named.parameters, (*own.effects, *named.effects), values)
     with np.errstate(all='ignore'):
-        for steps in (most, 1):  # where it does not settle, the first linearisation
+        for steps in (_MOST_STEPS, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
                 found = _settled(c, known, model, steps, keeps_touches, freedoms, begin, expected)
                 if found.fit.termination is Termination.CONVERGED:
