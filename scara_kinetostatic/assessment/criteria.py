@@ -246,16 +246,19 @@ def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
     return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
 
 
-def sets_in_words(d: Diagnosis, most: int = 3) -> str:
-    """The likeliest sets of effects with their probabilities."""
-    effects = d.effects_by_label()
-    known = {UNNAMED: 'something else'}
+def sets_in_words(d: Diagnosis) -> str:
+    """The three likeliest sets of effects with their probabilities; what all sets have in common is not repeated."""
+    effects, most = d.effects_by_label(), 3
+    titles = {label: effect.title for label, effect in effects.items()} | {UNNAMED: 'something else'}
+    common = set.intersection(*(set(item.effects) for item in d.probabilities))
     texts = []
     for item in d.probabilities[:most]:
-        names = [known.get(label) or (effects[label].title if label in effects else label) for label in item.effects]
-        texts.append(f'{" and ".join(names) or "no gross error"} ({percent(item.probability)} %)')
+        names = [titles.get(label, label) for label in item.effects if label not in common]
+        nothing = 'nothing' if common else 'no gross error'
+        texts.append(f'{" and ".join(names) or nothing} ({percent(item.probability)} %)')
     left = 1 - sum(item.probability for item in d.probabilities[:most])
-    return ' or '.join([*texts, *([f'others ({percent(left)} %)'] if left > 0.005 else [])])
+    others = [f'others ({percent(left)} %)'] if left > 0.005 else []
+    return f'{"What else may be missing" if common else "Probabilities"}: {" or ".join([*texts, *others])}'
 
 
 def shifted(evidence: Evidence) -> Iterator[Remark]:
