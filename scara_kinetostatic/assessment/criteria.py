@@ -18,7 +18,7 @@ from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence, percent
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE, DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import ASSUMED_PLACES, RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.noise_estimation import reading_noise
 from scara_kinetostatic.calibration.prior_knowledge import nominal_uncertainty
 from scara_kinetostatic.calibration.result import Calibration
@@ -26,6 +26,7 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise, of_steps
+from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
@@ -103,8 +104,9 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
 
 def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
     """A cell without gravity whose touches fit much better with it: the arm stands upright."""
-    c = evidence.final
-    if evidence.diagnosis.verdict not in ('unexplained', 'ambiguous') or c.parameters.has_gravity or c.fixed:
+    c, d = evidence.final, evidence.diagnosis
+    likely = d.inclusion.get(BaseTilt.name, 0.0) if d.verdict == 'ambiguous' else 1.0
+    if d.verdict not in ('unexplained', 'ambiguous') or not likely or c.parameters.has_gravity or c.fixed:
         return
     for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
         try:
@@ -116,9 +118,8 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
             errors = f'the force error is {upright.force_error:.2g} N instead of {before:.2g} N'
             action = f'state `gravity` in the cell description, such as {list(gravity)}'
             action += ', and `robot.moments` where known'
-            likely = evidence.diagnosis.inclusion.get(BaseTilt.name, 1.0)
             reason = f'with gravity along {axis} {errors}: the arm'
-            if evidence.diagnosis.verdict == 'ambiguous' and likely < FOUND:
+            if likely < FOUND:
                 yield Remark(
                     Grade.CAUTION, f'{reason} may stand upright ({percent(likely)} %)', f'if it does, {action}'
                 )
@@ -245,16 +246,19 @@ def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
     return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
 
 
-def sets_in_words(d: Diagnosis, most: int = 3) -> str:
-    """The likeliest sets of effects with their probabilities."""
-    effects = d.effects_by_label()
-    known = {'unnamed': 'something else'}
+def sets_in_words(d: Diagnosis) -> str:
+    """The three likeliest sets of effects with their probabilities; what all sets have in common is not repeated."""
+    effects, most = d.effects_by_label(), 3
+    titles = {label: effect.title for label, effect in effects.items()} | {UNNAMED: 'something else'}
+    common = set.intersection(*(set(item.effects) for item in d.probabilities))
     texts = []
     for item in d.probabilities[:most]:
-        names = [known.get(label) or (effects[label].title if label in effects else label) for label in item.effects]
-        texts.append(f'{" and ".join(names) or "no gross error"} ({percent(item.probability)} %)')
+        names = [titles.get(label, label) for label in item.effects if label not in common]
+        nothing = 'nothing' if common else 'no gross error'
+        texts.append(f'{" and ".join(names) or nothing} ({percent(item.probability)} %)')
     left = 1 - sum(item.probability for item in d.probabilities[:most])
-    return ' or '.join([*texts, *([f'others ({percent(left)} %)'] if left > 0.005 else [])])
+    others = [f'others ({percent(left)} %)'] if left > 0.005 else []
+    return f'{"What else may be missing" if common else "Probabilities"}: {" or ".join([*texts, *others])}'
 
 
 def shifted(evidence: Evidence) -> Iterator[Remark]:
@@ -425,6 +429,10 @@ def advice(evidence: Evidence) -> str:
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
+    if largest.label == ASSUMED_PLACES:
+        return (
+            'measure the places of the objects and declare how well they are known: what is assumed of them dominates'
+        )
     if largest.kind == UNDETECTED:
         elsewhere = 'elsewhere, with other forces and both elbows'
         return f'record more touches, {elsewhere}: effects too small to be found dominate'

@@ -3,7 +3,8 @@
 The covariance of a calibration is the sum of what its independent sources contribute (`Calibration.contributions`):
 noise (type A) and all that was declared (type B). A parameter's contribution is the root of the diagonal element, so
 that the squares add up to std². That of the tip is aᵀ Σ_s a with a the change of the tip at the worst place, in its
-worst direction: the squares add up to (U/2)² there.
+worst direction: the squares add up to (U/2)² there or, where U is the radius of several possible causes, to their
+variance.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
+from scara_kinetostatic.calibration.declared_errors import ASSUMED_PLACES, LARGE_EFFECT, RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty
 from scara_kinetostatic.model.arrays import Floats
@@ -25,6 +26,8 @@ _TITLES = {
     RIVALS: 'choice between possible causes',
     VALUE: 'choice of {}',
     UNDETECTED: 'undetected {}',
+    LARGE_EFFECT: 'one large flaw that the touches do not exclude',
+    ASSUMED_PLACES: 'places of objects that are not declared',
     'object_position': 'place of {}',
     'object_radius': 'radius of {}',
     'object_rotation': 'rotation of {}',
@@ -79,7 +82,8 @@ class Item(NamedTuple):
 def title_of(label: str) -> str:
     """A source in words, by its label."""
     kind, _, target = label.removesuffix(']').partition('[')
-    return _TITLES.get(kind, label).format(target.replace('_', ' ') if kind == UNDETECTED else target)
+    words = _TITLES.get(label) or _TITLES.get(kind, label)
+    return words.format(target.replace('_', ' ') if kind == UNDETECTED else target)
 
 
 def uncertainty_budget(c: Calibration, tip: TipUncertainty) -> tuple[Item, ...]:

@@ -67,7 +67,8 @@ def run(args: argparse.Namespace) -> None:
         planner, found = _known(args, cell)
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
-        decision = _decision(planner, found, number) if args.goal == 'decide' else None
+        from_file = args.calibration is not None
+        decision = _decision(planner, found, number, from_file) if args.goal == 'decide' else None
         planned = planner.discriminating(decision, number) if decision else planner.accurate(number)
         files = next_files(planner, planned)
     if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
@@ -80,14 +81,17 @@ def run(args: argparse.Namespace) -> None:
         note(text)
 
 
-def _decision(planner: Planner, found: Diagnosis | None, number: int) -> DecidingTouches:
-    """The touches that decide.
+def _decision(planner: Planner, found: Diagnosis | None, number: int, from_file: bool) -> DecidingTouches:
+    """The touches that decide; `from_file`: the calibration was read, not made.
 
     Raises:
         UnsupportedDataError: nothing is to be decided, or no touches decide it.
     """
     if found is None:
-        raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
+        problem = '--goal decide: a calibration file does not tell what its possible causes predict'
+        if not from_file:
+            problem = '--goal decide: there is nothing to decide without recordings'
+        raise UnsupportedDataError(problem, 'give BAG' + (' in place of --calibration' if from_file else ''))
     decision = planner.decision(number)
     if decision is None:
         what = f'--goal decide: nothing is to be decided: {found.verdict}'

@@ -110,7 +110,8 @@ def open_questions(
         remaining: what the residual of the extended model depends on.
     """
     return joined(
-        *(f'these touches cannot distinguish {_enumerated(group)}' for group in rivals),
+        *(f'these touches cannot distinguish {_enumerated(group)}' for group in rivals if len(group) > 1),
+        *(f'these touches do not show whether there is {group[0]}' for group in rivals if len(group) == 1),
         *(_about_curve(item) for item in found if not item.effect.is_physical),
         _remaining(verdict, found, remaining),
     )

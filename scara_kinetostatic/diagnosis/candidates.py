@@ -106,7 +106,8 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
     """The candidates among effects.
 
     An effect with many trials (an unknown frequency) is a candidate at the trial that explains
-    most by itself, and at those that explain most beside one of the other candidates; one of the fit as it is there.
+    most by itself, at those that explain most beside one of the effects of the fit, and at its usual ones; an effect of
+    the fit is one as it is there.
 
     Args:
         problem: the touches.

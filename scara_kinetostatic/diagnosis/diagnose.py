@@ -166,7 +166,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
             if _is_explained(weighed.model.fit, STRICT_SIGNIFICANCE):
                 return _without_effects(c, found, weighed), found.deviance
     elif found.angles or found.named:
-        return _with_extended_model(c, found, known), found.deviance
+        return _with_extended_model(c, found), found.deviance
     implausible = '; '.join(advice.implausible_noise(c) or ())
     weighed, dependences = found.weighed, find_dependences(c)
     significant = tuple(item for item in dependences if item.p_value * len(dependences) < SIGNIFICANCE)
@@ -208,7 +208,9 @@ def _without_effects(c: Calibration, found: Search, weighed: Weighed) -> Diagnos
 
 
 def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
-    """The mean over the sets of effects, and what large effects that are not seen may change."""
+    """The mean over the sets of effects, with their scatter and what effects that are not seen may change, and what is
+    assumed of undeclared places.
+    """
     return with_assumed_places(averaged(fit, *weighed.mixture()))
 
 
@@ -243,13 +245,12 @@ def _named(found: Search, known: tuple[Effect, ...]) -> Search:
     return found if set(wanted) == set(named) else naming(found, known, wanted)
 
 
-def _with_extended_model(c: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
+def _with_extended_model(c: Calibration, found: Search) -> Diagnosis:
     """The diagnosis with an extended model: verdict, effects, rivals.
 
     Args:
         c: the base model.
         found: the effects that may be missing.
-        known: the catalogue.
     """
     when = moments(found.fit)
     included = found.inclusion
@@ -335,9 +336,9 @@ def _values(effect: Effect, values: Floats, stds: Floats, calibration: Calibrati
     )
 
 
-def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
-    """The effects of the catalogue that are not named, with an amplitude beyond their typical size, or so many times
-    that size: of each its largest column.
+def suspects(final: Calibration) -> tuple[Found, ...]:
+    """The effects of the catalogue that are not named, with an amplitude beyond their typical size: of each its largest
+    column.
     """
     random, arm = final.random, final.cell.uncertainty.effects.arm
     if random is None:
@@ -347,7 +348,7 @@ def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
     ratio = np.abs(value) / [typical_size(column.effect, column.parameter, arm) for column in random.columns]
     for k in np.argsort(-ratio, kind='stable').tolist():
         effect, form, _ = random.columns[k]
-        if ratio[k] <= least or effect.label in found:
+        if ratio[k] <= 1 or effect.label in found:
             continue
         parts = [
             (effect.parameters[column.parameter], j)

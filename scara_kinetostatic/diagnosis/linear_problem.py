@@ -216,13 +216,10 @@ def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return drawn
 
 
-def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
-    """Orthonormal basis of what columns (m, k) add to a space given by an orthonormal basis (m, r), (m, ≤ k)."""
+def orthonormal(columns: Floats) -> Floats:
+    """Orthonormal basis of the space of columns (m, k), (m, ≤ k)."""
     scale = np.linalg.norm(columns, axis=0)
-    columns = columns[:, scale > 0] / scale[scale > 0]
-    if beside is not None:
-        columns = columns - beside @ (beside.T @ columns)
-    u, values, _ = np.linalg.svd(columns, full_matrices=False)
+    u, values, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
     # a direction with less adds no rank
     return np.asarray(u[:, values > 1e-9])
 

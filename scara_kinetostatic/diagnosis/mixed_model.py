@@ -87,6 +87,8 @@ _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
 """Standard deviations by which no step leads to a solution."""
+_MOST_STEPS = 8
+"""Linearisations at most."""
 _SETTLED = 0.05
 """Standard deviations by which a further linearisation may move a value."""
 
@@ -131,7 +133,6 @@ def fit_mixed(
     c: Calibration,
     known: Sequence[Effect],
     named: ExtendedModel | None = None,
-    most: int = 8,
     *,
     keeps_touches: bool = False,
     freedoms: float = LIGHT_TAILS,
@@ -144,7 +145,6 @@ def fit_mixed(
         c: the base model; effects that it has stay as they are.
         known: the catalogue.
         named: the effects to name, with values to begin with, and L̄; None for none.
-        most: linearisations at most.
         keeps_touches: whether outliers stay, as what is missing may explain them.
         freedoms: of the prior of the sizes.
         begin: a fit of the same effects to begin at, with its undetected effects and their sizes; None to begin
@@ -159,7 +159,7 @@ def fit_mixed(
     values = (*own.effect_values, *named.effect_values)
     model = ExtendedModel(named.parameters, (*own.effects, *named.effects), values)
     with np.errstate(all='ignore'):
-        for steps in (most, 1):  # where it does not settle, the first linearisation
+        for steps in (_MOST_STEPS, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
                 found = _settled(c, known, model, steps, keeps_touches, freedoms, begin, expected)
                 if found.fit.termination is Termination.CONVERGED:
@@ -291,8 +291,7 @@ class _Solved(NamedTuple):
         levels: variances of the noise of joints and force, in those of the linearisation.
         inner: the problem in the metric of the noise.
         group: of each column, -1 but of random effects whose size is estimated, (c,).
-        weights: sizes of the columns, in those that τ = 1 stands for: the root mean square, (c,).
-        tau: the same in the units of the columns, (c,).
+        tau: sizes of the columns in their units: the root mean square, (c,).
         lift: from the changes of L̄ in the basis of the fit without effects and the values of the columns to all values
             of the model, declared errors and random values, the last in units of `tau`, (12 + k + m + r, b + c).
         change: these by the penalised estimate, (12 + k + m + r,).
@@ -305,7 +304,6 @@ class _Solved(NamedTuple):
     levels: Floats
     inner: Whitened
     group: Indices
-    weights: Floats
     tau: Floats
     lift: Floats
     change: Floats
@@ -367,7 +365,6 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
         levels,
         inner,
         group,
-        weights,
         tau,
         lift,
         change=lift @ np.concatenate([y, u]),

@@ -42,18 +42,24 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 UNNAMED = 'unnamed'
 """Label of what is outside the catalogue."""
 SIZES = np.geomspace(1.0, 128.0, 8)
+"""Of gross effects, in typical ones: the grid on which they are integrated."""
 SCALE = 5.0
+"""Of the half-Cauchy prior of these."""
 NUMBER = np.array([0.5, 0.35, 0.1, 0.05])
 """Prior of none, one, two and three gross effects."""
 _TAUS = np.geomspace(0.1, 3.2, 6)
+"""Common sizes of the small parts, in typical ones: the grid on which they are integrated."""
 _UNNAMED_SHARE = 0.01
 """Prior of a single effect outside the catalogue."""
 UNDERSTATED = 0.05
 """Prior of stated noise that is too small, by up to `_MOST_NOISE`."""
 _MOST_NOISE = 10.0
 NEEDED = 3.0
+"""Bayes factor from which on a further effect is seen. Source: Kass and Raftery, "positive" evidence."""
 _PAIRS, _TRIPLES = 60, 8
-"""Sets of two and three effects that are integrated, the most promising ones."""
+"""The most promising pairs, which are integrated; those of them that grow by one effect, of which three times as many
+sets are.
+"""
 _NEGLIGIBLE = 12.0
 """Log of the part of the likeliest set below which a set of several effects does not count."""
 _PARTS = 6
@@ -206,7 +212,7 @@ class Odds(NamedTuple):
 
 
 def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str, float] | None = None) -> Odds:
-    """The probabilities of all sets of up to three effects.
+    """The probabilities of the sets of up to three effects: of none, of each alone, of the most promising others.
 
     Args:
         p: the linear problem.

@@ -198,6 +198,9 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     odds = [each['probability'] for each in document['diagnosis'].get('probabilities', ())]
     if odds and not (min(odds) >= 0 and max(odds) <= 1 and abs(sum(odds) - 1) <= 1e-3):
         raise ValueError(f'diagnosis.probabilities: expected 0 to 1, adding up to 1, got {odds!r:.60}')
+    included = document['diagnosis'].get('inclusion', {})
+    if not all(0 <= each <= 1 for each in included.values()):
+        raise ValueError(f'diagnosis.inclusion: expected 0 to 1, got {included!r:.80}')
     return CalibratedArm(
         cell=cell,
         model=model,
@@ -356,8 +359,12 @@ def read_effect(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> Effe
     others = (Unnamed(), OffNormalForce(), Undetected(cell=cell))  # what a diagnosis finds beside the catalogue
     for known in (*catalogue(cell), *others):
         if (known.name, type(known).__name__) == (entry['name'], entry['class']):
-            effect = replace(known, **_checked(known, stored))
+            values = _checked(known, stored)
+            effect = replace(known, **values)
             if effect.label == label and (known in others or known.label == label):
+                for name, value in values.items():  # the number of an object, say
+                    if known not in others and type(value) is int and value != getattr(known, name):
+                        raise ValueError(f'effect {label}: {name} is {value}, not {getattr(known, name)}')
                 return effect
     problem = f'the effect {label!r} of this calibration is not known here'
     raise CalibrationFileError(where, problem, 'install the package that it comes from, or calibrate again')

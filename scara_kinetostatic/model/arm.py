@@ -34,7 +34,7 @@ from scara_kinetostatic.model.tip import (
 
 _RESERVATIONS = {
     'unfit': 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)',
-    'ambiguous': 'effects that the touches do not distinguish: one is taken, the uncertainty does not cover the others',
+    'ambiguous': 'a model error has several possible causes: their mean is used, the uncertainty contains the choice',
     'unexplained': 'the calibration has a model error of unknown cause; the uncertainty does not cover it',
 }
 """What is to be known of a calibration by its grade and its verdict."""

@@ -165,9 +165,8 @@ class CalibrationRecord:
         now = known_or_infinite(stated['worst'], stated['undetermined'])
         of_tip = {row['source']: row['contribution']['tip'] or 0.0 for row in self.document['budget']}
         limit = title_of(max(of_tip, key=lambda label: of_tip[label]))
-        return Planner(
-            replace(self.arm, cell=cell), now, touches, labels, undetected=undetected_part(of_tip), limit=limit
-        )
+        undetected = undetected_part(stated['worst'] or 0.0, of_tip)
+        return Planner(replace(self.arm, cell=cell), now, touches, labels, undetected=undetected, limit=limit)
 
     @property
     def created(self) -> str:

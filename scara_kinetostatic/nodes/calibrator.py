@@ -269,11 +269,11 @@ class Calibrator(CellNode):
 
 
 def _in_one_line(facts: Mapping[str, Any]) -> str:
-    """In one line: grade, what to do, touches, errors before and after, verdict, effects with rivals, warnings."""
+    """In one line: grade, what to do, touches, errors before and after, verdict, effects or causes, warnings."""
     effects = [
         *facts['effects'],
         *(f'possible: {effect}' for effect in facts['possible_effects']),
-        *(f'one of ({group})' for group in facts['rivals']),
+        *facts['possible_causes'],
     ]
     parts = [
         ': '.join([facts['assessment'], *facts['reasons'][:1]]),

@@ -215,7 +215,7 @@ class Rivals(NamedTuple):
                 )
                 if effect.on_object:
                     what = ' and the '.join(title_of(one.label) for one in group)
-                    text = f'measure the {what} to {quantity(size, unit)}, and correct the cell description'
+                    text = f'measure the {what} again, to {quantity(size, unit)} or better, and correct the cell file'
                 found.append((size / typical_size(effect, 0), text))
         remedies = [max(found, key=lambda item: item[0])[1]] if found else []  # of alike the likelier
         names, lengths = self.robot.model.names, list[tuple[float, str]]()
@@ -255,7 +255,7 @@ class Rivals(NamedTuple):
         wide = self._replace(robot=replace(robot, cell=more))
         own, every = DeclaredErrors.of(cell), DeclaredErrors.of(more)
         assert every is not None
-        known, first = dict(zip(own.names if own else (), range(999), strict=False)), len(robot.model.names)
+        known, first = set(own.names if own else ()), len(robot.model.names)
         try:
             rows = np.split(wide.rows(Plan.joined(plans)), np.cumsum([len(one) for one in plans])[:-1])
         except UnsupportedDataError:

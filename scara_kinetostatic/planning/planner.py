@@ -38,6 +38,7 @@ from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
@@ -109,11 +110,20 @@ def known_or_infinite(worst: float | None, undetermined: float) -> float:
     return worst if worst is not None and undetermined <= 0 and worst < np.inf else np.inf  # not a number neither
 
 
-def undetected_part(of_tip: Mapping[str, float]) -> float:
+def choice_part(worst: float, of_tip: Mapping[str, float]) -> float:
+    """What the choice between possible causes contributes to the largest uncertainty of the tip, m: what the other rows
+    of a budget do not. Over several causes the tip is not normal: the radius that holds with 95 % is not twice the root
+    of the sum of squares.
+    """
+    others = [part for label, part in of_tip.items() if label != RIVALS and np.isfinite(part)]
+    left = worst**2 - COVERAGE_FACTOR**2 * float(np.square(others).sum())
+    return float(np.sqrt(left)) if RIVALS in of_tip and left > 0 else 0.0
+
+
+def undetected_part(worst: float, of_tip: Mapping[str, float]) -> float:
     """What effects not detected or decided contribute to the largest uncertainty of the tip, m, by rows of a budget."""
-    known = {label: part for label, part in of_tip.items() if part and np.isfinite(part)}
-    parts = [part for label, part in known.items() if label.startswith((UNDETECTED, RIVALS, VALUE))]
-    return float(COVERAGE_FACTOR * np.sqrt(np.square(parts).sum()))
+    parts = [part for label, part in of_tip.items() if label.startswith((UNDETECTED, VALUE)) and np.isfinite(part)]
+    return float(np.hypot(COVERAGE_FACTOR * np.sqrt(np.square(parts).sum()), choice_part(worst, of_tip)))
 
 
 class PlannedTouches(NamedTuple):
@@ -180,8 +190,11 @@ class Planner:
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
         of_tip = {item.label: item.tip for item in outcome.budget}
         rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
-        choice = 0.0 if rivals is None else COVERAGE_FACTOR * float(np.nan_to_num(of_tip.pop(RIVALS, 0.0)))
-        undetected = undetected_part(of_tip)
+        choice = 0.0
+        if rivals is not None:
+            choice = choice_part(tip.worst, of_tip)
+            of_tip.pop(RIVALS, None)
+        undetected = undetected_part(tip.worst, of_tip)
         sizes = dict[str, float]()
         if final.random is not None:
             for column, size in zip(final.random.columns, final.random.size, strict=True):
@@ -374,12 +387,15 @@ class Planner:
         return self.rivals.rows(self._candidates[0])
 
     def decision(self, number: int = USUAL_NUMBER) -> DecidingTouches | None:
-        """The touches that decide between the rivals, and what does where these do not; None where there are none.
+        """The touches that decide between the rivals, and what does where these do not; None where there are none, or
+        one is as likely already as a decision needs.
 
         Raises:
             UnsupportedDataError: no touch can be reached.
         """
-        return None if self.rivals is None else decide(self.rivals, self._candidates[0], self._rows, number)
+        if self.rivals is None or self.rivals.share * float(self.rivals.probability.max()) >= FOUND:
+            return None
+        return decide(self.rivals, self._candidates[0], self._rows, number)
 
     def discriminating(self, decision: DecidingTouches, number: int) -> PlannedTouches:
         """The first so many of the touches that decide most."""

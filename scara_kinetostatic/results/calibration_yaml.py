@@ -16,6 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from scara_kinetostatic.assessment.criteria import rivals_in_words
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.errors import ParameterError, one_line
@@ -141,6 +142,7 @@ FACTS = {
     'effects': Fact(list, 'effects found'),
     'possible_effects': Fact(list, 'effects of a model that is still incomplete'),
     'rivals': Fact(list, 'groups of effects that the touches do not tell apart, each with commas'),
+    'possible_causes': Fact(list, 'the same in words, with their probabilities'),
     'rank': Fact(int, 'how many combinations of the 12 parameters are determined'),
     'confounded': Fact(list, 'groups of parameters that the touches do not separate, each with blanks'),
     'touches.found': Fact(int, 'touches in the recordings'),
@@ -166,6 +168,7 @@ def facts(outcome: Outcome) -> dict[str, Stated]:
         'effects': [item.effect.label for item in d.found if item.is_found],
         'possible_effects': [item.effect.label for item in d.found if item.in_every_model and item.is_possible],
         'rivals': [', '.join(group) for group in d.rivals],
+        'possible_causes': [rivals_in_words(d, group) for group in d.rivals],
         'rank': outcome.final.base_rank,
         'confounded': [' '.join(group) for group in outcome.final.identifiability.confounded],
         'touches.found': outcome.found,

@@ -60,7 +60,7 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences.append(contained if outcome.final.has_undetected else 'Do not rely on the standard deviations.')
     likeliest = d.probabilities[0] if d.probabilities else None
     if likeliest and likeliest.probability < (0.99 if likeliest.effects else 0.9) and len(d.rivals) != 1:
-        sentences.append(f'Probabilities: {sets_in_words(d)}.')
+        sentences.append(f'{sets_in_words(d)}.')
     sentences.append(f'Verdict: {d.verdict}.')
     return Verdict(f'{headline}.', level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
 

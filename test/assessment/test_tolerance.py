@@ -140,6 +140,7 @@ def test_the_text_says_what_dominates_and_what_would_help(outcome: Outcome) -> N
         (('force_gain',), 'determine the gain of the force sensor more accurately'),
         (('nominal[l1]',), 'determine the nominal value of l1 more accurately'),
         (('undetected[base_tilt]',), 'record more touches'),
+        (('undetected[assumed_places]',), 'measure the places of the objects and declare'),
         (('value[joint_slip[joint1].slip_torque]',), 'record recorded touches, preloaded and partly unloaded'),
     ],
 )

@@ -10,6 +10,7 @@ from calibration.studies import CELL, NOISE, touches
 from diagnosis.simulated import check_explained, effect, named, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.advice import open_questions
 from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
 from scara_kinetostatic.model.cell import Noise, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
@@ -23,6 +24,13 @@ def test_clean_data_raise_no_alarm():
         found = diagnose(calibrate(touches(robot), cell))
         assert (found.verdict, found.found, found.extended) == ('none', (), None)
         assert 1e-3 < found.p_value <= 1
+
+
+def test_a_cause_without_another_in_its_place_is_no_pair_that_cannot_be_distinguished():
+    text = open_questions('ambiguous', (), (('sensor_bias', 'base_tilt'), ('base_bow',)), ())
+    pair, single = text.split('. ')
+    assert pair == 'these touches cannot distinguish sensor_bias and base_tilt'
+    assert single == 'These touches do not show whether there is base_bow'
 
 
 def test_two_force_levels_show_no_curve_over_the_force():

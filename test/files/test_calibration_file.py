@@ -100,6 +100,12 @@ def odds(*values: float) -> list[dict[str, Any]]:
 
 
 EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
+FRICTION = {
+    'label': 'contact_friction[disc_1]',
+    'name': 'contact_friction',
+    'class': 'ContactFriction',
+    'fields': {'target': 'disc_1', 'disc': 7},
+}
 
 
 @pytest.mark.parametrize(
@@ -125,10 +131,12 @@ EFFECT = {'label': 'l', 'name': 'unnamed', 'class': 'Unnamed', 'fields': {}}
         (_with('model', 'used', 'highest_force', value=-1.0), 'damaged'),
         (_with('model', 'effects', value=[EFFECT | {'name': 'n', 'class': 'N'}]), "'l' of this calibration"),
         (_with('model', 'effects', value=[EFFECT | {'fields': 3}]), 'damaged'),
+        (_with('model', 'effects', value=[FRICTION]), r'contact_friction\[disc_1\]: disc is 7, not 0'),
         (_with('diagnosis', 'probabilities', value=odds(0.9, 0.2)), r'adding up to 1, got \[0.9, 0.2\]'),
         (_with('diagnosis', 'probabilities', value=odds(1.2, -0.2)), 'probabilities: expected 0 to 1'),
         (_with('diagnosis', 'probabilities', value=odds(float('nan'))), 'probabilities: expected 0 to 1'),
         (_with('diagnosis', 'probabilities', value=[{'effects': []}]), "no 'probability'"),
+        (_with('diagnosis', 'inclusion', value={'base_tilt': 1.2}), 'inclusion: expected 0 to 1'),
         (_with('cell', 'nominal', value={'l1': 'long'}), 'cell: robot.nominal'),
         (_with('cell', 'gripper_excess', value=[[1e-6, 0.0], [0.0, 0.0]]), 'no general gripper; calibrate again'),
     ],

@@ -175,6 +175,11 @@ def test_gravity_that_was_forgotten_is_named(monkeypatch):
     monkeypatch.setattr(pipeline, 'diagnose', lambda _: Diagnosis('unexplained', 0.0))
     outcome = sk.diagnose(sk.simulate(CELL, TRUTH, seed=3), replace(CELL, nominal=sk.PAPER_NOMINAL))
     assert 'upright' in ' '.join((*outcome.assessment.reasons, *outcome.assessment.actions))
+    for likely, said in ((0.6, 'may stand upright (60 %)'), (0.0, '')):
+        found = Diagnosis('ambiguous', 0.0, inclusion={'base_tilt': likely} if likely else {'sensor_bias': 0.6})
+        other = replace(outcome, diagnosis=found)
+        words = ' '.join((*other.assessment.reasons, *other.assessment.actions))
+        assert said in words and ('upright' in words) == bool(said)
 
 
 @pytest.mark.parametrize(

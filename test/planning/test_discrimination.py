@@ -134,6 +134,24 @@ def test_a_run_makes_them(gain):
     assert found.undecided.startswith('encoder_gain[joint1] (')
 
 
+def test_nothing_is_to_be_decided_where_one_set_is_likely_enough(gain):
+    planner = Planner.of_outcome(gain)
+    rivals = planner.rivals
+    sure = np.where(np.arange(len(rivals.labels)) == 0, 0.97, 0.03 / (len(rivals.labels) - 1))
+    assert replace(planner, rivals=rivals._replace(probability=sure)).decision() is None
+
+
+def test_the_choice_is_all_that_the_other_sources_do_not_explain(displaced):
+    """The radius of a mixture is not twice the root of the sum of squares: what is beyond that is no noise."""
+    planner, tip = Planner.of_outcome(displaced), displaced.tip_uncertainty
+    others = [2 * item.tip for item in displaced.budget if item.label != 'rivals']
+    assert np.hypot(planner.choice, np.linalg.norm(others)) == pytest.approx(tip.worst)
+    noise = [2 * i.tip for i in displaced.budget if not i.label.startswith(('rivals', 'undetected', 'value'))]
+    apart = planner.choice**2 + planner.undetected**2
+    assert tip.worst**2 - apart == pytest.approx(float(np.square(noise).sum()))
+    assert planner.accurate(4).uncertainty.least < np.linalg.norm(others) + planner.choice / 2
+
+
 def test_between_discs_alone_touches_hardly_decide_and_it_is_said_what_does(displaced):
     assert displaced.verdict == 'ambiguous'
     outlook = displaced.discrimination

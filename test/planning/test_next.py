@@ -383,6 +383,8 @@ def test_a_calibration_stands_for_its_recordings_until_it_is_enough(made, tmp_pa
     assert not (tmp_path / 'none').exists()
     assert main(['next', bag, *cell, '--goal', 'decide', '--out', str(out)]) == 3
     assert 'nothing is to be decided' in capsys.readouterr().err
+    assert main(['next', bag, *cell, *known, '--goal', 'decide', '--out', str(out)]) == 3
+    assert 'give BAG in place of --calibration' in capsys.readouterr().err
 
 
 def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):

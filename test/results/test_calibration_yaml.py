@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from scara_kinetostatic.assessment.criteria import rivals_in_words
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.objects import ObjectRadius
@@ -79,6 +80,8 @@ def test_the_file_says_what_the_numbers_are_made_from_and_worth(ambiguous: Outco
     found = flat(yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']['calibration'])
     assert found == {name: value for name, value in facts(outcome).items() if value != []}
     assert (found['assessment'], found['rivals']) == ('caution', ['sensor_rotation, contact_friction'])
+    assert found['possible_causes'] == [rivals_in_words(outcome.diagnosis, outcome.diagnosis.rivals[0])]
+    assert found['possible_causes'][0].count(' %)') == 2
     assert found['warnings'] == ['a "quoted": # one', 'b\nc']
 
 

@@ -10,7 +10,7 @@ import pytest
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.diagnosis.result import Diagnosis, EffectSet, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES
@@ -93,6 +93,11 @@ def test_lines_fit_a_terminal(which: str, request: pytest.FixtureRequest) -> Non
             Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)),
             'caution',
             'by what was found it does',
+        ),
+        (
+            Diagnosis('explained', 1e-9, probabilities=(EffectSet(('a',), 0.7), EffectSet(('a', 'sensor_bias'), 0.3))),
+            'caution',
+            'What else may be missing: nothing (70 %) or sensor_bias (30 %).',
         ),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
     ],
