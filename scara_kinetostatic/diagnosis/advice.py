@@ -230,10 +230,14 @@ def _rounded(value: float | list[float]) -> str:
     return f'{value:.1e}' if value < 1e-3 else f'{value:.2g}'
 
 
+def has_small_residuals(c: Calibration) -> bool:
+    """Whether the residuals are significantly smaller than the noise."""
+    return bool(special.chdtr(c.degrees_of_freedom, c.chi_square) < STRICT_SIGNIFICANCE)
+
+
 def overstated_noise(c: Calibration) -> str:
     """Message where the residuals are significantly smaller than the stated noise."""
-    too_small = special.chdtr(c.degrees_of_freedom, c.chi_square) < STRICT_SIGNIFICANCE
-    if c.noise_source != 'given' or not too_small:
+    if c.noise_source != 'given' or not has_small_residuals(c):
         return ''
     return (
         f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so '

@@ -38,7 +38,7 @@ from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noi
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
 from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Moment, Search, likeliest, moments, naming
-from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
+from scara_kinetostatic.diagnosis.weighing import Weighed, is_placed, weigh
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
@@ -121,6 +121,9 @@ def _with_likeliest_noise(calibration: Calibration, known: tuple[Effect, ...]) -
     other, lower = _with_noise_that_fits(refitted, known)
     if (other.verdict == 'unexplained' and found.verdict != 'unexplained') or deviance - lower <= PENALTY:
         return found
+    final = other.extended or other.refitted
+    if calibration.cell.noise is not None and final is not None and advice.has_small_residuals(final):
+        return found  # smaller than the noise that is stated: what grows is no noise
     return other if other.refitted is not None else replace(other, refitted=refitted)
 
 
@@ -159,10 +162,11 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     if is_plain and off_normal >= FRICTION_SIGNIFICANCE and _is_explained(plain.model.fit, SIGNIFICANCE):
         return _without_effects(c, Search(plain, c), plain), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
+    fits = [found.weighed, plain] if all(map(is_placed, found.named)) else [plain]  # a small wave is in the fit
     if found.angles or found.named:
         found = _named(found, known)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
-        for weighed in (found.weighed, plain):  # a small wave at one frequency is in the fit
+        for weighed in fits:
             if _is_explained(weighed.model.fit, STRICT_SIGNIFICANCE):
                 return _without_effects(c, found, weighed), found.deviance
     elif found.angles or found.named:

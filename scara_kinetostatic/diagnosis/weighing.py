@@ -198,7 +198,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
         _log_determinant(point) + _log_determinant(select(c.projection, ~c.used)),
     )
     forms = tuple(
-        Form(item.effect.label if item.effect.is_physical else UNNAMED, at, share, _is_placed(item.effect))
+        Form(item.effect.label if item.effect.is_physical else UNNAMED, at, share, is_placed(item.effect))
         for item, at, share in zip(every.candidates, places, _shares(every.candidates), strict=True)
     )
     present = {form.label for form in forms}
@@ -280,7 +280,7 @@ def _small_part(problem: Problem, effect: Effect, arm: ArmClass) -> Floats:
     return changes * np.array(size) / max(len({column.values for column in columns}), 1) ** 0.5
 
 
-def _is_placed(effect: Effect) -> bool:
+def is_placed(effect: Effect) -> bool:
     """Whether small columns of an effect are at all places of a grid, and not where it is."""
     return bool(effect.grid_parameter) and not effect.is_stepwise
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, EffectOfDiscs
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
-from scara_kinetostatic.model.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -26,14 +22,7 @@ class ContactFriction(EffectOfDiscs):
 
     Where touches do not say how the tip moved, that of one disc turns the force by the same angle in all of them,
     counter-clockwise above 0: as if it slid to one side always. That of all discs is then a turned force sensor.
-
-    Attributes:
-        reference: L̄ by which the slide is judged, such as the nominal one: held, so that no touch
-            changes its direction while L̄ is estimated; None for L̄ itself: on a sharp corner a tip that is off by
-            a millimetre is on the wrong side.
     """
-
-    reference: Parameters | None = None
 
     name = 'contact_friction'
     parameters = (
@@ -47,12 +36,6 @@ class ContactFriction(EffectOfDiscs):
     identified_by = 'touches that slide in both directions on two or more discs: preload every other touch'
     plot_variable = 'slide'
     force_dependence = ForceDependence.DIRECTION
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        """Their slide is judged by the nominal parameters, in a cell with outlines by L̄ itself."""
-        by = None if cell.has_outlines else cell.nominal
-        return [replace(cast('ContactFriction', effect), reference=by) for effect in super().instances(cell)]
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The slide as the effect judges it."""
@@ -70,7 +53,7 @@ class ContactFriction(EffectOfDiscs):
     def _direction(self, at: TouchState) -> Floats:
         """The slide, (n,); 0 on discs without friction; of one disc +1 where the movement is unknown."""
         known = at.metadata.press.any(axis=1) | (self.disc is None)
-        return np.asarray(np.where(known, slide(at, self.reference), 1.0) * self.acts_on(at))
+        return np.asarray(np.where(known, slide(at), 1.0) * self.acts_on(at))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
-from scara_kinetostatic.model.parameters import Parameters
 
 STICKING = 0.1
 """A tip that comes within this angle of the normal sticks, as a usual coefficient of friction has it, rad."""
@@ -54,17 +53,13 @@ class Variable(NamedTuple):
         return PlotAxis(self.title(joint), self.unit, np.asarray(self.values(at, joint), dtype=float))
 
 
-def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
+def slide(at: TouchState) -> Floats:
     """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
     It is the part along t of the movement J ΔQ, divided by the whole movement and by `STICKING`, limited to ±1. Both
     the movement and t = R90 n are those of the rigid tip at the measured angles.
-
-    Args:
-        at: the touches.
-        reference: L̄ by which the tip is placed; None for that of the touches.
     """
-    p = reference or at.parameters
+    p = at.parameters
     links = at.joints + np.array([p.theta1, p.theta2])
     first, second = links[:, 0], links.sum(axis=1)
     x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
