@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from scara_kinetostatic.assessment.criteria import advice, rivals_in_words, sets_in_words
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
-from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Items, Level, Table, Verdict, sentence
 from scara_kinetostatic.report.quantities import SCALES, micrometres, p_equals, shown, unsigned_zero
@@ -41,7 +40,10 @@ def verdict(outcome: Outcome) -> Verdict:
         chi_square = f'reduced chi-square {c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
         sentences = [f'No model error detected ({p} for no gross error; {chi_square}, {by_itself}).']
     elif d.verdict == 'explained':
-        level, headline = 'caution', f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found)}'
+        level, headline = (
+            'caution',
+            f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found if i.is_found)}',
+        )
         sentences = [f'{lack}; extended by what was found it does.']
     elif d.verdict == 'ambiguous':
         level, headline = 'caution', 'Model error found, but these data cannot distinguish its possible causes'
@@ -56,7 +58,7 @@ def verdict(outcome: Outcome) -> Verdict:
         level, headline = 'bad', 'Model error found, cause unknown' + (f'; {rest}' if rest else '')
         names = [item.effect.title + (' (possible, not proved)' if item.is_possible else '') for item in d.found]
         sentences = [f'{lack}.', *([f'Added to the model: {", ".join(names)}.'] if names else [])]
-        contained = 'The standard uncertainties contain undetected effects, but no gross error.'
+        contained = 'The standard uncertainties contain what the catalogue knows, not what it lacks.'
         sentences.append(contained if outcome.final.has_undetected else 'Do not rely on the standard deviations.')
     likeliest = d.probabilities[0] if d.probabilities else None
     if likeliest and likeliest.probability < (0.99 if likeliest.effects else 0.9) and len(d.rivals) != 1:
@@ -149,12 +151,14 @@ def parameter_table(c: Calibration) -> Table:
     return Table(heading, ('',) * 5, tuple(rows), levels=tuple(levels[c.status[name]] for name in c.parameters.names))
 
 
-def effect_tables(found: Sequence[Found]) -> list[Table]:
+def effect_tables(d: Diagnosis) -> list[Table]:
     """Each effect of the extended model with its values; those of a fitted curve have no meaning by themselves."""
     tables = []
-    for item in found:
+    for item in d.found:
         doubt = ' (possible, not proved)' if item.is_possible else ''
-        doubt = doubt if item.in_every_model else ' (one of several possible causes)'
+        if not item.in_every_model:
+            is_rival = any(item.effect.label in group for group in d.rivals)
+            doubt = ' (one of several possible causes)' if is_rival else ' (a small error, at one place)'
         title = item.effect.title + doubt
         rows: tuple[tuple[str, ...], ...] = ()
         if item.effect.is_physical:

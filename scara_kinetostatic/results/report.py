@@ -45,7 +45,7 @@ def text_report(outcome: Outcome) -> str:
         messages.verdict(outcome),
         messages.touches_that_decide(outcome),
         messages.parameter_table(c),
-        Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis.found))),
+        Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis))),
         messages.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
         ' '.join(messages.tip_sentences(outcome)),
@@ -160,7 +160,7 @@ def _diagnosis(outcome: Outcome) -> Section:
     d = outcome.diagnosis
     blocks: list[Block] = [*_present([messages.verdict(outcome), messages.touches_that_decide(outcome)])]
     if outcome.final is not outcome.calibration:
-        blocks += [table._replace(title=table.title.strip()) for table in messages.effect_tables(d.found)]
+        blocks += [table._replace(title=table.title.strip()) for table in messages.effect_tables(d)]
         these = 'this effect' if len(d.found) == 1 else 'these effects'
         adequate = f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”.'
         blocks.append(f'{adequate} {sentence(messages.bias(outcome))}')
