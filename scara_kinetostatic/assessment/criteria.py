@@ -425,7 +425,8 @@ def advice(evidence: Evidence) -> str:
     items = max(kinds.values(), key=lambda alike: sum(item.tip**2 for item in alike))
     largest, d = max(items, key=lambda item: item.tip), evidence.diagnosis
     if largest.kind == RIVALS:
-        return 'tell the possible causes apart: the choice among them dominates'
+        found = evidence.discrimination if d.is_undecided else None
+        return found.action if found else 'tell the possible causes apart: the choice among them dominates'
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'

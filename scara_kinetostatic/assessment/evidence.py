@@ -154,7 +154,7 @@ class Discrimination(NamedTuple):
     @property
     def is_decisive(self) -> bool:
         """Whether touches are worth making: these take away half of the doubt, or a few percent, and many decide."""
-        return self.limit >= FOUND and self.expected >= min(self.now + _WORTH, (1 + self.now) / 2)
+        return self.limit >= FOUND and self.expected >= worth_doing(self.now)
 
     @property
     def forecast(self) -> str:
@@ -191,7 +191,14 @@ class Discrimination(NamedTuple):
 
 
 _WORTH = 0.03
-"""Gain in the probability of the likeliest set for which touches are worth making."""
+"""Gain in the probability of the likeliest set for which something is worth doing."""
+
+
+def worth_doing(now: float) -> float:
+    """The probability of the likeliest set afterwards from which on something is worth doing: it takes away half of the
+    doubt, or `_WORTH`.
+    """
+    return min(now + _WORTH, (1 + now) / 2)
 
 
 _NAMED = 0.005

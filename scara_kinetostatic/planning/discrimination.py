@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.evidence import Discrimination
+from scara_kinetostatic.assessment.evidence import Discrimination, worth_doing
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.uncertainty_budget import title_of
@@ -186,15 +186,20 @@ class Rivals(NamedTuple):
                 row[j] += size * (column.effect.label == effect.label and column.parameter == k)
         return rows
 
+    @property
+    def _enough(self) -> float:
+        """The probability of the likeliest set afterwards by which a measurement decides."""
+        return max(FOUND, worth_doing(float(self.probability.max())))
+
     def _needed(self, rows: Floats, least: float = 0.0) -> float:
-        """The largest standard uncertainty, SI, of a measurement of what rows pick with which some set is expected to
-        be `FOUND`; 0 where none above `least` is so good.
+        """The largest standard uncertainty, SI, of a measurement of what rows pick that is expected to decide; 0 where
+        none above `least` is so good.
         """
         good = [size for size in _STEPS[::-1] if size >= least]
         low, high = 0, len(good)
         while low < high:
             middle = (low + high) // 2
-            enough = self.forecast(rows / good[middle]).probability >= FOUND
+            enough = self.forecast(rows / good[middle]).probability >= self._enough
             low, high = (low, middle) if enough else (middle + 1, high)
         return good[low] if low < len(good) else 0.0
 
@@ -270,7 +275,7 @@ class Rivals(NamedTuple):
             found = self.forecast(_whitened_by(flat[:, kept], flat[:, ~kept]))
             if found.probability > best.probability:
                 best, where = found, f'x {1e3 * one.x:.0f} mm, y {1e3 * one.y:.0f} mm'
-        if best.probability < FOUND:
+        if best.probability < self._enough:
             return []
         return [f'touch a further disc at about {where}, its place known to {quantity(std, "m")}']
 
