@@ -357,7 +357,7 @@ def calibrated(
             former, touches=known.touches, suspected=known.suspected, rivals=known.rivals, given_up=given_up
         )
     unexplained, decision = outcome.verdict == 'unexplained', None
-    if outcome.verdict == 'ambiguous' and now is not None and now < np.inf:
+    if outcome.diagnosis.is_undecided and now is not None and now < np.inf:
         decision = planner.decision()
     outlook = decision.outlook if decision else None
     undecided = f'{outlook.causes}; {outlook.action}' if outlook else ''
