@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from common import MarkdownDirective, code, table
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -16,6 +17,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.objects import PlatePosition
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import Parameter
@@ -113,8 +115,11 @@ class EffectCatalogue(MarkdownDirective):
         if first.grid_parameter:
             facts.append(('Searched on a grid', code(first.grid_parameter)))
         parts.append('\n'.join(f':{name}: {value}' for name, value in facts))
-        head = ['parameter', 'unit', 'plausible size', 'meaning']
-        rows = [[code(p.name), p.unit, f'{p.scale:.2g}', p.meaning] for p in parameters(kind)]
+        head = ['parameter', 'unit', 'plausible size', 'typical error', 'meaning']
+        rows = [
+            [code(p.name), p.unit, f'{p.scale:.2g}', typical(p, having[0]), p.meaning]
+            for p, having in parameters(kind).items()
+        ]
         about = [targets(having) for having in parameters(kind).values()]
         if len(set(about)) > 1:
             head.insert(1, 'target')
@@ -123,6 +128,15 @@ class EffectCatalogue(MarkdownDirective):
         parts.append(table(head, rows))
         parts.append(f'```{{effect-picture}} {SHOWN.get(first.name) or at_typical_size(first)}\n```')
         return '\n\n'.join(parts)
+
+
+def typical(parameter: Parameter, effect: Effect) -> str:
+    """The typical size of a parameter on an industrial arm; a dash for what has none of its own."""
+    if parameter not in effect.parameters:
+        return '–'
+    place = effect.parameters.index(parameter)
+    is_size = bool(effect.amplitudes(np.ones(len(effect.parameters)))[place]) and not parameter.is_alias
+    return f'{typical_size(effect, place):.2g}' if is_size else '–'
 
 
 class EffectPicture(MarkdownDirective):
