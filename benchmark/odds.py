@@ -330,21 +330,21 @@ def figures(records: Sequence[Record]) -> dict[str, str]:
 
 
 def bands(records: Sequence[Record]) -> list[tuple[float, ...]]:
-    """Of the inclusions in each of `BANDS`: number, mean of those stated, share that is true, its 95 % limits; true is
-    an effect that is gross, large in its population, or beyond `LARGE` typical sizes.
+    """Of the inclusions in each of `BANDS`: number, mean of those stated, share that is true, its 95 % limits, and the
+    share that is gross; true is an effect that is gross, large in its population, or beyond `LARGE` typical sizes.
     """
-    rows = [
-        (p, label in right_names((*record['truth'], *record['large'])) or record['sizes'].get(label, 0.0) > LARGE)
-        for record in records
-        for label, p in record.get('inclusion', {}).items()
-    ]
+    rows = list[tuple[float, bool, bool]]()
+    for record in records:
+        gross, large = right_names(record['truth']), right_names(record['large'])
+        for label, p in record.get('inclusion', {}).items():
+            rows.append((p, label in gross | large or record['sizes'].get(label, 0.0) > LARGE, label in gross))
     found = list[tuple[float, ...]]()
     for low, high in pairwise(BANDS):
         some = [row for row in rows if low <= row[0] < high or row[0] == high == 1]
         if some:
-            stated, true = np.mean(some, axis=0)
+            stated, true, gross = np.mean(some, axis=0).tolist()
             limits = binomtest(round(true * len(some)), len(some)).proportion_ci()
-            found.append((len(some), float(stated), float(true), float(limits.low), float(limits.high)))
+            found.append((len(some), stated, true, float(limits.low), float(limits.high), gross))
     return found
 
 
@@ -355,8 +355,9 @@ def report(groups: Mapping[str, Sequence[Record]]) -> None:
     for key in max(parts.values(), key=len):
         print(f'{key:32}', *(f'{part.get(key, "–"):>22}' for part in parts.values()))
     for name, records in groups.items():
-        for n, stated, true, low, high in bands(records):
-            print(f'{name}: {n} inclusions, stated {stated:.1%}, true {true:.1%} ({low:.1%} to {high:.1%})')
+        for n, stated, true, low, high, gross in bands(records):
+            limits = f'{low:.1%} to {high:.1%}'
+            print(f'{name}: {n} inclusions, stated {stated:.1%}, true {true:.1%} ({limits}), gross {gross:.1%}')
 
 
 def draw_bands(groups: Mapping[str, Sequence[Record]], path: Path) -> None:
@@ -366,7 +367,7 @@ def draw_bands(groups: Mapping[str, Sequence[Record]], path: Path) -> None:
         axes.plot([50, 100], [50, 100], lw=0.8, color='gray')
         for name, records in groups.items():
             if found := bands(records):
-                _, stated, true, low, high = 100 * np.array(found).T
+                _, stated, true, low, high, _ = 100 * np.array(found).T
                 axes.errorbar(stated, true, [true - low, high - true], fmt='o', ms=4, capsize=2, label=name)
         axes.set(xlabel='inclusion stated, %', ylabel='true, %, with 95 % limits')
         if axes.containers:
