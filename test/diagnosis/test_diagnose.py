@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibration.studies import CELL, NOISE, touches
-from diagnosis.simulated import check_explained, effect, named, simulate
+from diagnosis.simulated import MORE, check_explained, deviations, effect, named, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.advice import open_questions
 from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
+from scara_kinetostatic.diagnosis.result import Diagnosis, EffectSet
 from scara_kinetostatic.model.cell import Noise, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.simulation.plan import default_plan
@@ -105,3 +106,22 @@ def test_noise_stated_too_large_masks_no_effect():
     found = diagnose(calibrate(simulate((effect('encoder_gain[joint1]'), (6e-5,)), seed=3), cell))
     check_explained(found, 'encoder_gain[joint1]', (6e-5,))
     assert found.extended.noise_source == 'estimated'
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'none', 'expected'), [('none', 0.3, True), ('none', 0.7, False), ('ambiguous', 0.0, True)]
+)
+def test_touches_may_decide_where_something_is_rather_missing_than_nothing(verdict, none, expected):
+    sets = (EffectSet((), none), EffectSet(('encoder_gain[joint1]',), 1 - none))
+    assert Diagnosis(verdict, 0.1, probabilities=sets).is_undecided == expected
+    assert not Diagnosis('explained', 0.1, probabilities=sets).is_undecided
+
+
+def test_a_wave_of_usual_size_at_one_frequency_is_no_gross_effect_and_in_the_fit():
+    wave = effect('transmission_error[joint1]')
+    found = diagnose(calibrate(simulate((wave, (2e-5, 0.4, 7.0)), plan=MORE), CELL))
+    assert found.verdict == 'none'
+    assert 0.5 < found.inclusion[wave.label] < 0.95
+    assert found.is_undecided
+    assert [one.label for one in found.refitted.model.effects] == [wave.label]
+    assert np.abs(deviations(found.refitted)).max() < 4
