@@ -219,13 +219,14 @@ def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[E
     force = true_force(c.model, point.adjusted.force, at.metadata)
     sources = c.observe().declared
     labels = set() if sources is None else {source.label for source in sources.sources}
-    mine = {e.label if e.parameters else e.label.partition('[')[0] for e in model.effects}
+    named = {e.label for e in model.effects if e.parameters}
+    without_size = {e.label.partition('[')[0] for e in model.effects if not e.parameters}  # random angles
     found = []
     for effect in known:
         stated = declared.stated.get(effect.label, declared.stated.get(effect.name))
         absent = stated == 0.0 or (stated is None and declared.sizes is SizeMode.NONE)
         is_declared = (effect.declared_as or effect.label) in labels
-        if absent or is_declared or effect.name in mine or effect.label in mine:
+        if absent or is_declared or effect.name in without_size or effect.label in named:
             continue
         columns = columns_of(effect, at)
         forms = max(len({column.values for column in columns}), 1)
