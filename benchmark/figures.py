@@ -205,7 +205,7 @@ FIGURES: dict[str, tuple[Figure, ...]] = {
     'statistics': (_variances, _intervals, _outliers),
     'peers': (_peers,),
     'uncertainty --show fits --first 46000 --count 800': (_fits,),
-    'population --robots 100 --first 60001': (_population,),
+    'population --robots 6 --first 70001': (_population,),
     'compensation': (_compensation,),
     'lone_flaws --first 640': (_lone_flaws,),
     'noise --only growing --number 67 --first 20000': (_noise,),
