@@ -155,8 +155,10 @@ def as_fitted(problem: Problem, effect: Effect, values: Floats) -> Candidate:
     at = problem.touch_state
     trials, usual = effect.trials(at, problem.force), effect.usual_trials(at)
     if len(trials) == 1:
-        errors = effect.sensor_error_derivative(problem.force, values, at.metadata)
-        trial = Trial(effect.derivative(at, values), errors)
+        trial = trials[0]
+        if not effect.grid_parameter:  # a disc of few touches has one moment, at which a shift is linear
+            errors = effect.sensor_error_derivative(problem.force, values, at.metadata)
+            trial = Trial(effect.derivative(at, values), errors)
         return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), 1)
     place = float(values[effect.grid_parameter_index])
 

@@ -317,3 +317,15 @@ def test_a_disc_with_so_few_touches_that_a_shift_has_one_moment_is_weighed():
     moments = [item.tried for item in weighed.candidates.candidates if item.effect.label == 'shift[disc_1]']
     assert moments == [1]
     assert weighed.odds.none > 0.5
+
+
+def test_a_shift_that_has_one_moment_is_weighed_where_it_is_named():
+    shift = find(CELL, 'shift[disc_1]')
+    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 3), CELL.noise, 1)
+    c = calibrate(touches, CELL)
+    moment = float(np.median(touches.order[touches.disc == 0])) + 0.5
+    weighed = weigh(
+        fit_mixed(c, catalogue(CELL), ExtendedModel(c.parameters, (shift,), ((1e-4, 0.0, moment),))), catalogue(CELL)
+    )
+    (candidate,) = (item for item in weighed.candidates.candidates if item.effect == shift)
+    assert len(candidate.trial.columns) == 2
