@@ -274,7 +274,7 @@ class Rivals(NamedTuple):
                 continue
             found = self.forecast(_whitened_by(flat[:, kept], flat[:, ~kept]))
             if found.probability > best.probability:
-                best, where = found, f'x {1e3 * one.x:.0f} mm, y {1e3 * one.y:.0f} mm'
+                best, where = found, f'x {1e3 * one.x:.0f} mm, y {1e3 * one.y:.0f} mm'.replace('-', '−')
         if best.probability < self._enough:
             return []
         return [f'touch a further disc at about {where}, its place known to {quantity(std, "m")}']
