@@ -484,11 +484,11 @@ def with_effects(found: Floats, model: ExtendedModel, jacobian: Floats, place: F
                 turned[k] = shift.joints
             if shift.place is not None and of_robot:
                 moved[k] = shift.place
-        both = np.array(faded(Shift(turned, moved), dependence, place))
-        turned, moved = both.reshape(2, -1, *jacobian.shape[:-2], 2)
-        out = np.zeros((len(shifts), *found.shape[:-1]))
-        out[..., :2] = moved
-        return np.moveaxis(out - (jacobian @ turned[..., None])[..., 0], 0, -1)
+        shift = faded(Shift(turned, moved), dependence, place)
+        turned, moved = (np.reshape(part, (len(shifts), *jacobian.shape[:-2], 2)) for part in shift)
+        out = -jacobian[..., 0] * turned[..., :1] - jacobian[..., 1] * turned[..., 1:]
+        out[..., :2] += moved
+        return np.moveaxis(out, 0, -1)
 
     for name, shift in model.acting.shift_by_robot(state).items():
         found[..., NAMES.index(name)] += columns([shift], ForceDependence.NONE)[..., 0]
