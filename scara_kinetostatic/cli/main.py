@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
@@ -25,9 +26,9 @@ VERBS = {
     'calibration': ('cell', 'calibrate', 'recalibrate', 'inspect', 'verify', 'compare', 'history'),
     'use of a calibration': ('compensate', 'locate', 'export', 'contour'),
     'planning': ('simulate', 'design', 'next', 'demo'),
-    'studies': ('paper', 'dial_gauge', 'hysteresis', 'mujoco'),
+    'studies': ('paper', 'dial-gauge', 'hysteresis', 'mujoco'),
 }
-"""Modules of this package, one per verb, in the groups and the order of the help."""
+"""In the groups and the order of the help; each is a module of this package."""
 
 
 class _TerminatedError(BaseException):
@@ -79,8 +80,9 @@ def _run(argv: Sequence[str] | None) -> int:
     debug, received = False, list[int]()
     try:
         with _termination(received), naming_missing_libraries():
-            parser = build_parser()
-            args = parser.parse_args(argv)
+            given = sys.argv[1:] if argv is None else argv
+            parser = build_parser(next((text for text in given if text != '--debug'), ''))
+            args = parser.parse_args(given)
             if args.verb is None:  # after unknown options, which are named first
                 parser.error('expected a VERB')
             debug = args.debug
@@ -106,8 +108,8 @@ def _run(argv: Sequence[str] | None) -> int:
         return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command."""
+def build_parser(verb: str = '') -> argparse.ArgumentParser:
+    """The parser of one verb, which is faster, or of the whole command."""
     description = """\
 Kinetostatic calibration of a SCARA robot by touch: the robot presses against
 discs of known position while joint angles and forces are recorded; from the
@@ -131,10 +133,12 @@ with an effect that the base model lacks:
     parser.add_argument('--debug', action='store_true', help='show the traceback of an error')
     verb_help = 'one of these; VERB --help describes it'
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB', help=verb_help)
+    only = (verb,) if verb in chain(*VERBS.values()) else ()
     for group, verbs in VERBS.items():
         description += f'\n{group}:\n'
-        for verb in verbs:
-            description += add_verb(subparsers, import_module(f'scara_kinetostatic.cli.{verb}'))
+        for name in verbs:
+            if name in (only or verbs):
+                description += add_verb(subparsers, import_module(f'scara_kinetostatic.cli.{name.replace("-", "_")}'))
     parser.description = description
     return parser
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from datetime import datetime, timezone
 from enum import Enum
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import numpy as np
 
 Document = dict[str, Any]
 """Values by key: whatever `plain` takes."""
+_WIDTH = 160
+"""Of a line, characters."""
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
@@ -24,7 +27,7 @@ def json_text(document: Document) -> str:
     Raises:
         TypeError: a value in it has no form in JSON.
     """
-    return _text(plain(document), '') + '\n'
+    return _forms(plain(document), '')[1] + '\n'
 
 
 def plain(value: Any) -> Any:
@@ -60,15 +63,17 @@ def utc(time: datetime) -> str:
     return time.astimezone(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
 
 
-def _text(value: Any, indent: str) -> str:
-    """On one line: what fits there, and every list of numbers."""
-    flat = _ENCODER.encode(value)
-    if not isinstance(value, (dict, list)) or not value or (indent and len(indent) + len(flat) <= 160):
-        return flat
+def _forms(value: Any, indent: str) -> tuple[str, str]:
+    """A value on one line, and as it is written: on one line what fits there, and every list of numbers."""
+    if not isinstance(value, (dict, list)) or not value:
+        return (flat := _ENCODER.encode(value)), flat
     if isinstance(value, list) and all(isinstance(item, (int, float)) for item in value):
-        return flat
-    deeper = indent + '  '
-    if isinstance(value, dict):
-        parts = [f'{_ENCODER.encode(key)}: {_text(item, deeper)}' for key, item in value.items()]
-        return '{\n' + ',\n'.join(deeper + part for part in parts) + f'\n{indent}}}'
-    return '[\n' + ',\n'.join(deeper + _text(item, deeper) for item in value) + f'\n{indent}]'
+        return (flat := _ENCODER.encode(value)), flat
+    opening, closing = '{}' if isinstance(value, dict) else '[]'
+    keys = [f'{_ENCODER.encode(key)}: ' for key in value] if isinstance(value, dict) else [''] * len(value)
+    deeper, items = indent + '  ', value.values() if isinstance(value, dict) else value
+    flats, written = zip(*(_forms(item, deeper) for item in items), strict=True)
+    flat = opening + ', '.join(map(add, keys, flats)) + closing
+    if indent and len(indent) + len(flat) <= _WIDTH:
+        return flat, flat
+    return flat, f'{opening}\n{deeper}' + f',\n{deeper}'.join(map(add, keys, written)) + f'\n{indent}{closing}'
