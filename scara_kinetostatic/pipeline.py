@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
@@ -26,7 +27,6 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.planning.planner import discrimination_of
 from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
 
@@ -234,9 +234,15 @@ def calibrate_touches(
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
         sequence_known=detection.sequence_known,
         check=check,
-        discriminate=discrimination_of,
+        discriminate=_discrimination,
         sources=tuple(map(str, sources)),
     )
+
+
+def _discrimination(evidence: Evidence) -> Discrimination | None:
+    from scara_kinetostatic.planning.planner import discrimination_of  # most results have nothing to decide
+
+    return discrimination_of(evidence)
 
 
 def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> TouchSet:
