@@ -485,7 +485,7 @@ def with_effects(found: Floats, model: ExtendedModel, jacobian: Floats, place: F
             if shift.place is not None and of_robot:
                 moved[k] = shift.place
         shift = faded(Shift(turned, moved), dependence, place)
-        turned, moved = (np.reshape(part, (len(shifts), *jacobian.shape[:-2], 2)) for part in shift)
+        turned, moved = (np.asarray(part).reshape(len(shifts), *jacobian.shape[:-2], 2) for part in shift)
         out = -jacobian[..., 0] * turned[..., :1] - jacobian[..., 1] * turned[..., 1:]
         out[..., :2] += moved
         return np.moveaxis(out, 0, -1)

@@ -19,10 +19,8 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Polygon
 
-from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.outline import Outline
+from scara_kinetostatic.report.quantities import MICRO as MICRO
 
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
@@ -31,8 +29,8 @@ COLOURS = {
     **{INK: 'var(--ink)', FAINT: 'var(--faint)', LINE: 'var(--line)', PAPER: 'var(--paper)', WARN: 'var(--warn)'},
     **{stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)},
 }
-MICRO = 1e6
-"""Micrometres per metre."""
+THIN, THICK = 0.7, 2.0
+"""Widths of lines beside the usual one, pixels."""
 _PER_INCH = 72.0
 _STYLE: dict[Any, Any] = {
     **dict.fromkeys(('text.color', 'axes.labelcolor'), INK),
@@ -45,8 +43,8 @@ _STYLE: dict[Any, Any] = {
     **dict.fromkeys(('xtick.labelsize', 'ytick.labelsize'), 11.5),
     'font.family': ['DejaVu Sans'],
     'axes.titlelocation': 'left',
-    'grid.linewidth': 0.7,
-    'lines.linewidth': 1.2,
+    'grid.linewidth': THIN,
+    **dict.fromkeys(('lines.linewidth', 'lines.markeredgewidth', 'patch.linewidth'), 1.2),
 }
 
 
@@ -60,8 +58,9 @@ class Mark(NamedTuple):
 
 def mark(disc: int) -> Mark:
     """The mark of a disc by its number in the cell."""
-    shape = (disc + disc // len(SERIES)) % 6
-    return Mark(SERIES[disc % len(SERIES)], 'os^Dvp'[shape], '●■▲◆▼⬟'[shape])
+    turn, place = divmod(disc, len(SERIES))
+    shape, sign = (('o', '●'), ('s', '■'), ('^', '▲'), ('D', '◆'), ('v', '▼'), ('p', '⬟'))[(place + turn) % len(SERIES)]
+    return Mark(SERIES[place], shape, sign)
 
 
 @contextmanager
@@ -110,12 +109,6 @@ def new_figure(
     return figure, list(axes.ravel())
 
 
-def in_mm(axes: Axes) -> None:
-    """Labels the ticks of axes in metres by millimetres."""
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f'{1e3 * value:.0f}'.replace('-', '−'))
-
-
 def as_svg(figure: Figure, name: str, description: str) -> Markup:
     """The figure as an SVG element.
 
@@ -141,18 +134,3 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     for stand_in, variable in COLOURS.items():
         svg = svg.replace(stand_in, variable)
     return Markup(svg)
-
-
-def draw_object(
-    axes: Axes, item: Disc | Outline, colour: str, *, filled: bool = False, width: float = 1.2, order: float = 1.0
-) -> None:
-    """A disc, to the centre of the tip in contact, or an outline, its sides; the axes are in m."""
-
-    def patch(**look: Any) -> Patch:
-        if isinstance(item, Disc):
-            return Circle((item.x, item.y), item.radius, **look)
-        return Polygon(item.shape(), closed=item.is_closed, **look)
-
-    if filled and item.is_closed:
-        axes.add_patch(patch(facecolor=colour, alpha=0.13, lw=0))
-    axes.add_patch(patch(fill=False, edgecolor=colour, lw=width, zorder=order))

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 
+MILLI, MICRO, PERCENT = 1e3, 1e6, 100.0
+"""Of the unit with the prefix, and of percent, so many are one."""
 NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
 
@@ -19,10 +21,10 @@ class Scale(NamedTuple):
     per_si: float
 
 
-SCALES = {name: Scale(unit, 1.0) if name in MOMENTS else Scale(f'µ{unit}', 1e6) for name, unit in UNITS.items()}
-SCALES |= {name: Scale(f'm{UNITS[name]}', 1e3) for name in NAMES[:6]}
+SCALES = {name: Scale(unit, 1.0) if name in MOMENTS else Scale(f'µ{unit}', MICRO) for name, unit in UNITS.items()}
+SCALES |= {name: Scale(f'm{UNITS[name]}', MILLI) for name in NAMES[:6]}
 """The unit in which each parameter of the base model is shown."""
-FIT_UNITS = {'m': Scale('mm', 1e3), 'rad': Scale('°', 180 / math.pi)}
+FIT_UNITS = {'m': Scale('mm', MILLI), 'rad': Scale('°', 180 / math.pi)}
 """Of shapes fitted to a contour, by SI unit."""
 
 
@@ -39,7 +41,7 @@ class Shown(NamedTuple):
         return ' '.join(part for part in (self.value, f'± {self.std}' if self.std else '', self.unit) if part)
 
 
-_PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
+_PREFIXES = (('', 1.0), ('m', MILLI), ('µ', MICRO), ('n', MILLI * MICRO), ('p', MICRO**2))
 
 
 def scale_of(size: float, unit: str) -> Scale:
@@ -47,8 +49,8 @@ def scale_of(size: float, unit: str) -> Scale:
     if unit.partition('/')[0] in ('m', 'rad', 'N', 'Nm', 's') and size > 0:
         prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
         return Scale(prefix + unit, factor)
-    if unit.partition('/')[0] == '1' and 0 < size < 1e-3:
-        return Scale(f'ppm{unit[1:]}', 1e6)
+    if unit.partition('/')[0] == '1' and 0 < size * MILLI < 1:
+        return Scale(f'ppm{unit[1:]}', MICRO)
     return Scale('' if unit == '1' else unit, 1.0)
 
 
@@ -73,10 +75,15 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
 
 def micrometres(metres: float) -> str:
     """An error or uncertainty of the tip, in µm."""
-    size = 1e6 * metres
+    size = MICRO * metres
     if not math.isfinite(size):
         return NOT_DETERMINED
     return f'{size:#.3g}'.rstrip('.') if abs(size) < 999.5 else f'{size:.0f}'
+
+
+def percentage(part: float) -> str:
+    """A part of a whole: ``50 %``."""
+    return f'{PERCENT * part:.0f} %'
 
 
 def unsigned_zero(number: str) -> str:
