@@ -30,7 +30,7 @@ from benchmark.smoke import ONE_THREAD
 from scara_kinetostatic import simulate
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.files.tables import TouchTable
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.monitoring.archive import recalibrate, tasks_of

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors, joint_covariance
-from scara_kinetostatic.files.columns import csv_cell, csv_lines
-from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
+from scara_kinetostatic.files.tables import EXAMPLE, TouchTable, csv_cell, csv_lines
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import OBJECT_POSITION, PAPER_DISCS, Cell, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.outline import Outline, surfaces_of

@@ -28,7 +28,7 @@ from markupsafe import Markup
 
 from benchmark.common import parser, save
 from benchmark.svg import svg_file
-from scara_kinetostatic.files.columns import load_table
+from scara_kinetostatic.files.tables import load_table
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.kinematics import forward

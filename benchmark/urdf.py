@@ -18,7 +18,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.cell_file import read_cell
 from scara_kinetostatic.files.robot_cell import planar_arm, robot_cell
-from scara_kinetostatic.files.robot_urdf import read_robot
+from scara_kinetostatic.files.urdf import read_robot
 from scara_kinetostatic.model.cell import Cell, Disc, layout_problems
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import Parameters

@@ -24,7 +24,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import trace_contour as contour_of
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean, expect
-from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, Predictor, TipPosition
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
@@ -37,8 +37,7 @@ from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches,
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World, parse_effect, with_effects
-from scara_kinetostatic.touches.association import associate
-from scara_kinetostatic.touches.detection import press_of
+from scara_kinetostatic.touches.detection import associate, press_of
 from scara_kinetostatic.touches.streams import Streams
 
 _LOAD = "give one, such as load_cell('cell.yaml')"

@@ -29,8 +29,7 @@ from benchmark.faults.outcomes import FAILURES, Verdict, outcome_of
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.files.calibration_file import load_calibration
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.columns import load_table
-from scara_kinetostatic.files.touch_table import POSES, STATES, PoseTable, load_pose_table, load_touch_table
+from scara_kinetostatic.files.tables import POSES, STATES, PoseTable, load_pose_table, load_table, load_touch_table
 from scara_kinetostatic.interface import diagnose, simulate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.monitoring.history import History

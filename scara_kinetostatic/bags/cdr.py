@@ -28,8 +28,8 @@ from rosbags.typesys.store import Typestore
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.report.quantities import count
-from scara_kinetostatic.touches.clock import Samples
-from scara_kinetostatic.touches.streams import FixedTransform, JointParts
+from scara_kinetostatic.touches.clock import JointParts, Samples
+from scara_kinetostatic.touches.streams import FixedTransform
 
 _MOST_NAMES = 1000
 """Most joints in a message."""

@@ -27,7 +27,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Budget, Source, Topic, unpack
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Budget, Storage, Topic, unpack
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
@@ -41,7 +41,7 @@ _READ = (Opcode.HEADER, *_DEFINITIONS, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
 
-class McapFile(Source):
+class McapFile(Storage):
     """An MCAP file with messages of ROS 2."""
 
     def __init__(self, path: Path, budget: Budget) -> None:

@@ -26,6 +26,8 @@ WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 STRING = 'std_msgs/msg/String'
 TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
 TF_STATIC = '/tf_static'
+METADATA = 'metadata.yaml'
+"""File of a rosbag2 folder that lists its other files."""
 DISCARD_TOPIC = '/discarded_touch'
 """Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700…, "received": 1700…}`: its
 number, the middle of its hold by the clock of the streams, and when that was received, ns."""
@@ -187,7 +189,7 @@ def batched(topic: Topic, portions: Iterable[tuple[Sequence[int], Sequence[bytes
         yield Batch.from_payloads(topic, times, payloads)
 
 
-class Source:
+class Storage:
     """A recording, of whatever form.
 
     Args:

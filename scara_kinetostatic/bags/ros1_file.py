@@ -14,7 +14,7 @@ from io import BytesIO
 from typing import IO
 
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batch, Batches, Source, Topic, unpack
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batch, Batches, Storage, Topic, unpack
 from scara_kinetostatic.errors import RecordingError
 
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CONNECTION = b'\2', b'\3', b'\4', b'\5', b'\7'
@@ -25,7 +25,7 @@ _DAMAGE = (LookupError, OSError, RuntimeError, ValueError)
 _Fields = dict[bytes, bytes]
 
 
-class Ros1File(Source):
+class Ros1File(Storage):
     """A bag, plain or compressed chunk by chunk."""
 
     def batches(self, wanted: Collection[str]) -> Batches:

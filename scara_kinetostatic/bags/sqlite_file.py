@@ -6,14 +6,14 @@ import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
 
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Storage, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 
 _STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
 
-class SqliteFile(Source):
+class SqliteFile(Storage):
     """Reads the two tables that every version of the storage has.
 
     Of a database that is damaged in the middle, the messages before the damage are read, with a warning.

@@ -26,8 +26,15 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2.metadata import dump_qos_v9
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
-from scara_kinetostatic.bags.messages import DISCARD_TOPIC, JOINT_STATE, STRING, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
-from scara_kinetostatic.bags.sources import METADATA
+from scara_kinetostatic.bags.messages import (
+    DISCARD_TOPIC,
+    JOINT_STATE,
+    METADATA,
+    STRING,
+    TF_MESSAGE,
+    TF_STATIC,
+    WRENCH_STAMPED,
+)
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, writing
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, dump_cell

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.robot_cell import robot_cell
-    from scara_kinetostatic.files.robot_urdf import Robot, read_robot
+    from scara_kinetostatic.files.urdf import RobotDescription, read_robot
 
     if len(dict(args.at)) < len(args.at):
         raise ParameterError('--at', 'names a joint twice', 'give one position of each')
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         from scara_kinetostatic.nodes.streams import heard_description
 
-        robot = Robot(heard_description(args.topic).encode(), args.topic)
+        robot = RobotDescription(heard_description(args.topic).encode(), args.topic)
     if args.out.exists():
         raise InputError(f'{args.out}', 'exists, and may have objects filled in', 'give another --out')
     text, notes = robot_cell(robot, tuple(args.joints), args.tip, dict(args.at), args.sensor)

@@ -37,7 +37,7 @@ from scara_kinetostatic.cli.arguments import add_options, check_file, note
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scara_kinetostatic.files.touch_table import PoseTable
+    from scara_kinetostatic.files.tables import PoseTable
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Indices
     from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
 
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_predictor
-    from scara_kinetostatic.files.touch_table import POSES, load_pose_table
+    from scara_kinetostatic.files.tables import POSES, load_pose_table
     from scara_kinetostatic.model.arm import STATUSES
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
     from scara_kinetostatic.files.atomic import check_different
-    from scara_kinetostatic.files.columns import load_table
+    from scara_kinetostatic.files.tables import load_table
     from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs, load_readings
     from scara_kinetostatic.studies.loops.report import dial_gauge_document, dial_gauge_report
 

@@ -37,10 +37,9 @@ def run(args: argparse.Namespace) -> None:
         InputError: the recording or the cell cannot be read or is invalid.
     """
     from scara_kinetostatic.bags.messages import reading
-    from scara_kinetostatic.bags.reader import read_streams, recorded_cell
-    from scara_kinetostatic.bags.sources import open_recording
+    from scara_kinetostatic.bags.reader import open_recording, read_streams, recorded_cell
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.files.touch_table import is_touch_table
+    from scara_kinetostatic.files.tables import is_touch_table
     from scara_kinetostatic.pipeline import touches_of_file
     from scara_kinetostatic.touches.detection import cell_of_files, find_touches
 

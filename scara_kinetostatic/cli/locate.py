@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     import numpy as np
 
     from scara_kinetostatic.files.calibration_file import load_predictor
-    from scara_kinetostatic.files.touch_table import STATES, load_pose_table
+    from scara_kinetostatic.files.tables import STATES, load_pose_table
     from scara_kinetostatic.model.arm import force_on_object, in_sensor_frame
     from scara_kinetostatic.model.kinematics import posture
 

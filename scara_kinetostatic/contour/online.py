@@ -26,7 +26,7 @@ from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.online import check_free
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
-from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.streams import Signals, as_signals
 
 SECOND = 1_000_000_000
 _SOURCE = 'the slide'

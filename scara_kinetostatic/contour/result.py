@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.files.tables import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.kinematics import posture

@@ -43,8 +43,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
-from scara_kinetostatic.touches.signals import SMOOTHING, Signals, as_signals, moving_mean, white_noise
-from scara_kinetostatic.touches.streams import Streams
+from scara_kinetostatic.touches.streams import SMOOTHING, Signals, Streams, as_signals, moving_mean, white_noise
 
 LARGEST_ZERO = 2.0
 """A zero that is larger by more than this than another steady force, N, was taken in contact."""

@@ -25,8 +25,8 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.files.yaml_file import (
     ANY,
+    MappingReader,
     Reader,
-    Section,
     Within,
     choice,
     dump_yaml,
@@ -94,7 +94,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     Raises:
         CellError: the content is not valid.
     """
-    top = Section(CellError, str(where), '', data, ('robot', 'objects'), ('sensor', 'noise', 'model', *OPTIONAL))
+    top = MappingReader(CellError, str(where), '', data, ('robot', 'objects'), ('sensor', 'noise', 'model', *OPTIONAL))
     found = top.record('robot', _READERS['robot'], ('nominal',), ('joint_names', 'direction')) | top.read(
         _READERS['cell']
     )
@@ -220,7 +220,7 @@ def _vector(*labels: str, unit: str = '') -> Reader:
 def _interval(first: str, last: str, within: Within) -> Reader:
     """Two numbers, the smaller one first."""
 
-    def read(section: Section, name: str) -> tuple[float, float]:
+    def read(section: MappingReader, name: str) -> tuple[float, float]:
         low, high = section.vector(name, (first, last), within)
         if low >= high:
             raise section.error(name, f'expected the {first} first, got {shown([low, high])}')
@@ -247,14 +247,16 @@ def _nominal(name: str) -> Within:
     return Within(least, positive=name in ('l1', 'l2'), unit=UNITS[name])
 
 
-def _sign(section: Section, name: str) -> int:
+def _sign(section: MappingReader, name: str) -> int:
     sign = section.number(name)
     if sign not in (1, -1):
         raise section.error(name, f'expected 1 or -1, got {sign:g}')
     return int(sign)
 
 
-def _axes(section: Section, name: str, readers: Mapping[str, Reader], required: tuple[str, ...]) -> dict[str, Any]:
+def _axes(
+    section: MappingReader, name: str, readers: Mapping[str, Reader], required: tuple[str, ...]
+) -> dict[str, Any]:
     """A mapping with the unit vectors x and y."""
     readers = {**readers, 'x': _vector('x', 'y', 'z'), 'y': _vector('x', 'y', 'z')}
     found = section.record(name, readers, required, readers)
@@ -264,19 +266,19 @@ def _axes(section: Section, name: str, readers: Mapping[str, Reader], required: 
     return found
 
 
-def _plane(robot: Section, key: str) -> Plane:
-    readers = {'frame': Section.word, 'origin': _vector('x', 'y', 'z', unit='m'), 'tip': Section.word}
+def _plane(robot: MappingReader, key: str) -> Plane:
+    readers = {'frame': MappingReader.word, 'origin': _vector('x', 'y', 'z', unit='m'), 'tip': MappingReader.word}
     return Plane(**_axes(robot, key, readers, ('frame', 'origin', 'x', 'y')))
 
 
-def _sensor_axes(sensor: Section, key: str) -> tuple[tuple[float, ...], ...]:
+def _sensor_axes(sensor: MappingReader, key: str) -> tuple[tuple[float, ...], ...]:
     if sensor.data.get('frame') != cells.SensorFrame.TOOL.value or sensor.data.get('rotation'):
         raise sensor.error(key, 'they are those of link 2 in the sensor', 'set frame to tool and leave out rotation')
     found = _axes(sensor, key, {}, ('x', 'y'))
     return found['x'], found['y']
 
 
-def _limits(robot: Section, key: str) -> tuple[tuple[float, float], ...]:
+def _limits(robot: MappingReader, key: str) -> tuple[tuple[float, float], ...]:
     of_joint = _interval(
         'lower limit', 'upper limit', Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
     )
@@ -284,8 +286,8 @@ def _limits(robot: Section, key: str) -> tuple[tuple[float, float], ...]:
     return tuple(robot.record(key, dict.fromkeys(names, of_joint), names).values())
 
 
-def _lift(robot: Section, key: str) -> cells.Lift:
-    readers: dict[str, Reader] = {'joint': Section.word, 'up': Within(unit='m'), 'down': Within(unit='m')}
+def _lift(robot: MappingReader, key: str) -> cells.Lift:
+    readers: dict[str, Reader] = {'joint': MappingReader.word, 'up': Within(unit='m'), 'down': Within(unit='m')}
     lift = cells.Lift(**robot.record(key, readers, tuple(readers)))
     if lift.up == lift.down:
         problem = f'up and down are both {lift.up:g}: it does not lift'
@@ -293,7 +295,7 @@ def _lift(robot: Section, key: str) -> cells.Lift:
     return lift
 
 
-def _hold(robot: Section, key: str) -> dict[str, float]:
+def _hold(robot: MappingReader, key: str) -> dict[str, float]:
     held = robot.data[key]
     names = list(held) if isinstance(held, dict) else ['joint4']
     if wrong := [name for name in names if not name.strip() or not name.isprintable()]:
@@ -301,12 +303,12 @@ def _hold(robot: Section, key: str) -> dict[str, float]:
     return robot.record(key, dict.fromkeys(names, ANY), stated=names)
 
 
-def _obstacles(top: Section, key: str) -> tuple[tuple[tuple[float, float], ...], ...]:
+def _obstacles(top: MappingReader, key: str) -> tuple[tuple[tuple[float, float], ...], ...]:
     sections = top.items(key, 'outlines', ('outline',), (), 20) if top.data[key] else ()  # more take long to plan
     return tuple(_corners(section, 'outline') for section in sections)
 
 
-def _corners(section: Section, key: str) -> tuple[tuple[float, float], ...]:
+def _corners(section: MappingReader, key: str) -> tuple[tuple[float, float], ...]:
     """The corners of an outline, m."""
     corners, least, most = section.data[key], 2 if section.data.get('open') is True else 3, 50
     if not isinstance(corners, list) or not least <= len(corners) <= most:
@@ -314,20 +316,20 @@ def _corners(section: Section, key: str) -> tuple[tuple[float, float], ...]:
     return section.vector(key, [f'corner {k}' for k in range(len(corners))], _vector('x', 'y', unit='m'))
 
 
-def _touch(top: Section, key: str) -> cells.TouchMotion:
+def _touch(top: MappingReader, key: str) -> cells.TouchMotion:
     motion = cells.TouchMotion(**top.record(key, _READERS['touch']))
     if motion.force[1] >= motion.max_force:
         raise top.error(f'{key}.max_force', f'expected more than the largest force of {motion.force[1]:g} N')
     return motion
 
 
-def _region(top: Section, key: str) -> cells.Region:
+def _region(top: MappingReader, key: str) -> cells.Region:
     of_axis = _interval('lower limit', 'upper limit', Within(unit='m'))
     bounds = top.record(key, {'x': of_axis, 'y': of_axis}, ('x', 'y'))
     return cells.Region(*bounds['x'], *bounds['y'])
 
 
-def _plates(top: Section, key: str) -> tuple[cells.Plate, ...]:
+def _plates(top: MappingReader, key: str) -> tuple[cells.Plate, ...]:
     plates: list[cells.Plate] = []
     for section in top.items(key, 'plates', ('name', 'origin'), ('uncertainty',), most=16):
         name = section.word('name')
@@ -338,7 +340,7 @@ def _plates(top: Section, key: str) -> tuple[cells.Plate, ...]:
     return tuple(plates)
 
 
-def _discs(top: Section) -> tuple[cells.Disc | Outline, ...]:
+def _discs(top: MappingReader) -> tuple[cells.Disc | Outline, ...]:
     discs = list[cells.Disc | Outline]()
     optional = ('uncertainty', 'plate')
     other = ('name', 'outline'), ('corner_radius', 'open', *optional)
@@ -354,17 +356,17 @@ def _discs(top: Section) -> tuple[cells.Disc | Outline, ...]:
             x, y = section.vector('center', ('x', 'y'), Within(unit='m'))
             radius = section.number('radius', Within(positive=True, unit='m'))
             disc = cells.Disc(name, x, y, radius, **_stds(section, cells.Disc))
-        discs.append(disc._replace(**section.read({'plate': Section.word})))
+        discs.append(disc._replace(**section.read({'plate': MappingReader.word})))
     return tuple(discs)
 
 
-def _stds(section: Section, kind: type) -> dict[str, Any]:
+def _stds(section: MappingReader, kind: type) -> dict[str, Any]:
     """Standard uncertainties under the key `uncertainty`, by field of an object or a plate."""
     given = section.record('uncertainty', {key: within for key, (_, within) in _STDS[kind].items()})
     return {_STDS[kind][key][0]: std for key, std in given.items()}
 
 
-def _topic(sensor: Section, key: str) -> str:
+def _topic(sensor: MappingReader, key: str) -> str:
     """The name of a topic or service."""
     name = sensor.word(key)
     if not _TOPIC.match(name) or '/' + name.lstrip('/') == CELL_TOPIC:
@@ -372,14 +374,14 @@ def _topic(sensor: Section, key: str) -> str:
     return name
 
 
-def _sensor(top: Section, key: str) -> cells.Sensor:
+def _sensor(top: MappingReader, key: str) -> cells.Sensor:
     sensor = cells.Sensor(**top.record(key, _READERS['sensor'], stated=('frame', 'sign', 'joint_states', 'wrench')))
     if sensor.topics[0] == sensor.topics[1]:
         raise top.error(f'{key}.wrench', f'both topics are named {sensor.wrench}', 'they carry different messages')
     return sensor
 
 
-def _uncertainty(top: Section, cell: cells.Cell) -> cells.Uncertainty:
+def _uncertainty(top: MappingReader, cell: cells.Cell) -> cells.Uncertainty:
     """What is common to all touches, of the parameters and the effects that the cell may have."""
     nominal: dict[str, Reader] = {name: Within(positive=True, unit=UNITS[name]) for name in cell.nominal.names}
     readers: dict[str, Reader] = {
@@ -390,7 +392,7 @@ def _uncertainty(top: Section, cell: cells.Cell) -> cells.Uncertainty:
     return cells.Uncertainty(**top.record('uncertainty', readers, stated=('effects',)))
 
 
-def _effects(cell: cells.Cell, section: Section, key: str) -> cells.EffectSizes:
+def _effects(cell: cells.Cell, section: MappingReader, key: str) -> cells.EffectSizes:
     """How large undetected effects are: one word, or words and single sizes."""
     if not isinstance(section.data[key], dict):
         return cells.EffectSizes(choice(cells.SizeMode)(section, key))
@@ -412,7 +414,7 @@ def _level(first: str, second: str, least: float, most: float, unit: str) -> Rea
     """One number, or one per axis."""
     within = Within(least, most, 'give the repeatability of one touch, or leave out noise', unit=unit)
 
-    def read(section: Section, name: str) -> cells.Level:
+    def read(section: MappingReader, name: str) -> cells.Level:
         if not isinstance(section.data[name], list):
             return section.number(name, within)
         one, other = section.vector(name, (first, second), within)
@@ -452,11 +454,13 @@ _READERS: dict[str, dict[str, Reader]] = {
         'gravity': _vector('x', 'y', unit='m/s²'),
         'touch': _touch,
         # a number must be in quotes, so that no digit of it is lost
-        'identification': _record(cells.Identification, dict.fromkeys(cells.Identification._fields, Section.word)),
+        'identification': _record(
+            cells.Identification, dict.fromkeys(cells.Identification._fields, MappingReader.word)
+        ),
     },
     'robot': {
         'nominal': _record(Parameters, {name: _nominal(name) for name in NAMES}, NAMES),
-        'joint_names': lambda robot, key: robot.vector(key, ('q1', 'q2'), Section.word),
+        'joint_names': lambda robot, key: robot.vector(key, ('q1', 'q2'), MappingReader.word),
         'coupling': Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth'),
         'direction': lambda robot, key: robot.vector(key, ('joint 1', 'joint 2'), _sign),
         'plane': _plane,
@@ -477,10 +481,10 @@ _READERS: dict[str, dict[str, Reader]] = {
         'axes': _sensor_axes,
         'tool_weight': Within(-50.0, 50.0, 'it is in kg: 0.15 for 150 g', unit='kg'),
         'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
-        'base_frame': Section.word,
-        'tool_frame': Section.word,
+        'base_frame': MappingReader.word,
+        'tool_frame': MappingReader.word,
     },
-    'outline': {'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},
+    'outline': {'open': MappingReader.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')},
     'touch': {
         'force': _interval('smallest force', 'largest force', _FORCE),
         'max_force': _FORCE,

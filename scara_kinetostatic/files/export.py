@@ -4,7 +4,7 @@
 
 `correction_file`: corrections of the joint angles of the nominal arm, over workspace and load.
 
-`exported_into`: the user's own URDF, corrected (`files.corrected_urdf`).
+`exported_into`: the user's own URDF, corrected (`files.robot_cell`).
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.files.columns import csv_cell, csv_lines
-from scara_kinetostatic.files.corrected_urdf import corrected_origins, with_origins
-from scara_kinetostatic.files.robot_urdf import read_robot
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, render, xacro
+from scara_kinetostatic.files.robot_cell import corrected_origins, with_origins
+from scara_kinetostatic.files.tables import csv_cell, csv_lines
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, read_robot, render, xacro
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign

@@ -1,4 +1,4 @@
-"""Safe YAML: the one parser of all YAML files, and the one reader of typed keys with their places, `Section`.
+"""Safe YAML: the one parser of all YAML files, and the one reader of typed keys with their places, `MappingReader`.
 
 Both parsers refuse tags, anchors and aliases (no file here needs them, and nested aliases grow without bound), and
 limit the depth of nesting. `parse_yaml`, for files that a user writes, is also stricter than `yaml.safe_load`:
@@ -28,7 +28,7 @@ import yaml
 
 from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.atomic import read_file
-from scara_kinetostatic.files.columns import FORMULA
+from scara_kinetostatic.files.tables import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
 
 _MAX_BYTES = 256 * 1024
@@ -227,7 +227,7 @@ class Within:
         least = 'above 0, at most' if self.positive else f'{self.least:g} to'
         return f'{least} {self.most:g} {self.unit}'.rstrip()
 
-    def __call__(self, section: Section, name: str) -> float:
+    def __call__(self, section: MappingReader, name: str) -> float:
         """The number under a key of a section."""
         return section.number(name, self)
 
@@ -236,7 +236,7 @@ ANY = Within()
 _DECIMAL_COMMA = re.compile(r'[-+]?\d+,\d+([eE][-+]?\d+)?')
 
 
-class Section:
+class MappingReader:
     """A mapping with known keys.
 
     Args:
@@ -298,13 +298,13 @@ class Section:
         """The values in the mapping under a key."""
         return self.section(name, required, readers).read(readers, stated)
 
-    def section(self, name: str, required: _Keys = (), optional: _Keys = ()) -> Section:
+    def section(self, name: str, required: _Keys = (), optional: _Keys = ()) -> MappingReader:
         """The mapping under a key; an empty one where it is missing and nothing in it is required."""
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
     def items(
         self, name: str, what: str, required: _Keys, optional: _Keys, most: int = 64, other: tuple[_Keys, ...] = ()
-    ) -> list[Section]:
+    ) -> list[MappingReader]:
         """The mappings in the list under a key, from one to `most`; `what` names them in the message.
 
         Those that have the last of the required keys of `other` have its required and optional keys.
@@ -369,20 +369,20 @@ class Section:
             raise self.error(name, f'{shown(value)} is a formula to spreadsheets', 'begin it with a letter')
         return value
 
-    def _inside(self, key: str, data: Any, required: _Keys, optional: _Keys) -> Section:
-        return Section(self._problem, self._where, key, data, required, optional)
+    def _inside(self, key: str, data: Any, required: _Keys, optional: _Keys) -> MappingReader:
+        return MappingReader(self._problem, self._where, key, data, required, optional)
 
     def _path(self, name: str) -> str:
         return '.'.join(part for part in (self._key, name) if part)
 
 
-Reader = Callable[[Section, str], Any]
+Reader = Callable[[MappingReader, str], Any]
 
 
-def choice(kind: type[_E]) -> Callable[[Section, str], _E]:
+def choice(kind: type[_E]) -> Callable[[MappingReader, str], _E]:
     """Reads a value of an enumeration."""
 
-    def read(section: Section, name: str) -> _E:
+    def read(section: MappingReader, name: str) -> _E:
         value, choices = section.word(name), [str(item.value) for item in kind]
         if value not in choices:
             raise section.error(name, f'expected {" or ".join(choices)}, got {shown(value)}')

@@ -23,8 +23,7 @@ from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.columns import csv_cell, csv_lines
-from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.files.tables import csv_cell, csv_lines, is_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.history import Entry, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, robot_name

@@ -28,7 +28,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, unlike_lengths, wrench_fields
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
-from scara_kinetostatic.files.touch_table import COLUMNS
+from scara_kinetostatic.files.tables import COLUMNS
 from scara_kinetostatic.files.urdf import Colour
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
@@ -37,8 +37,7 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import NAME
-from scara_kinetostatic.touches.clock import Samples
-from scara_kinetostatic.touches.streams import JointParts
+from scara_kinetostatic.touches.clock import JointParts, Samples
 
 NANOSECONDS = 1_000_000_000
 _PLAIN = b'\0\1'

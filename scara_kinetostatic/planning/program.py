@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.files.columns import csv_cell, csv_lines
+from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward

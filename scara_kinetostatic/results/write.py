@@ -13,7 +13,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.files.calibration_file import is_readable
-from scara_kinetostatic.files.columns import csv_cell, csv_lines
+from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.report.json_file import json_text, utc
 from scara_kinetostatic.results import calibration_json, calibration_yaml
 from scara_kinetostatic.results import report as page

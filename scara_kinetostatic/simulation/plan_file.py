@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
-from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read_text, shown
+from scara_kinetostatic.files.yaml_file import MappingReader, Within, parse_yaml, read_text, shown
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
@@ -76,12 +76,12 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan | tupl
     else:
         what, required, optional = 'touch', ('disc', 'angle_deg', 'posture', 'force'), ('preload',)
     entries = [
-        Section(PlanError, f'{where}: {what} {k}', '', entry, required, optional) for k, entry in enumerate(data)
+        MappingReader(PlanError, f'{where}: {what} {k}', '', entry, required, optional) for k, entry in enumerate(data)
     ]
     return tuple(_slide(entry, cell) for entry in entries) if slides else _touches(entries, cell, where)
 
 
-def _touches(entries: list[Section], cell: Cell, where: str | Path) -> Plan:
+def _touches(entries: list[MappingReader], cell: Cell, where: str | Path) -> Plan:
     rows = []
     names = [disc.name for disc in cell.discs]
     for entry in entries:
@@ -100,7 +100,7 @@ def _touches(entries: list[Section], cell: Cell, where: str | Path) -> Plan:
     return plan
 
 
-def _posture(entry: Section) -> int:
+def _posture(entry: MappingReader) -> int:
     given = entry.data.get('posture', 'left')
     if type(given) not in (int, str) or given not in POSTURES:
         raise entry.error('posture', f'expected left, right, 1 or -1, got {shown(given)}')
@@ -130,7 +130,7 @@ def _decimal(value: float) -> str:
     return np.format_float_positional(round(float(value), 9), trim='-')
 
 
-def _slide(entry: Section, cell: Cell) -> Slide:
+def _slide(entry: MappingReader, cell: Cell) -> Slide:
     values = {name: entry.number(key) for key, name in _SLIDE_VALUES.items() if key in entry.data}
     if 'force' in values:
         entry.number('force', within=_FORCE)
@@ -140,7 +140,7 @@ def _slide(entry: Section, cell: Cell) -> Slide:
         raise entry.error('', error.problem, error.remedy) from error
 
 
-def _outline(entry: Section, cell: Cell) -> Outline | Circle:
+def _outline(entry: MappingReader, cell: Cell) -> Outline | Circle:
     """The outline under the key `slide`: of a disc of the cell, by its name, of another disc, or of corners."""
     given = entry.data['slide']
     if isinstance(given, str):
@@ -166,6 +166,6 @@ def _outline(entry: Section, cell: Cell) -> Outline | Circle:
     return polygon(points, shape.optional('corner_radius') or 0.0, closed)
 
 
-def _pair(shape: Section, name: str) -> tuple[float, float]:
+def _pair(shape: MappingReader, name: str) -> tuple[float, float]:
     x, y = shape.vector(name, ('x', 'y'))
     return x, y

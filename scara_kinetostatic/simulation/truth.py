@@ -25,7 +25,7 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.files.yaml_file import Section, parse_yaml, read_text
+from scara_kinetostatic.files.yaml_file import MappingReader, parse_yaml, read_text
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -137,7 +137,7 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     data = parse_yaml(read_text(path, ParameterError), path, ParameterError)
     if isinstance(data, dict) and 'parameters' not in data:
         data = {'parameters': data}
-    top = Section(ParameterError, str(path), '', data, ('parameters',), ('schema', 'seed', 'effects'))
+    top = MappingReader(ParameterError, str(path), '', data, ('parameters',), ('schema', 'seed', 'effects'))
     n, given = cell.nominal, dict(top.section('parameters', cell.nominal.names).data)
     moments = {name: given.pop(name) for name in cell.nominal.names[len(NAMES) :]}
     parameters = Parameters.from_mapping(given, str(path))

@@ -9,11 +9,19 @@ least late, so tell the difference of the clocks that stamp them; the recorder's
 A constant D is taken from the stamps of the wrench, with a warning. Messages that come late, by seconds even, change
 nothing. What else may be wrong with clocks is refused. `sensor.time_offset` of the cell description states D instead;
 then nothing is compared. The same rule serves recordings and what is kept of the streams of a running cell.
+
+Joint states may come in parts, messages with some of the joints each, from several publishers; `JointParts` brings them
+to common times. In the order of the stamps, a message with news of one angle after news of the other gives a sample at
+its time: one angle was measured there, the other is interpolated between its neighbours. So there are as many samples
+as of the slower joint, none bridges the silence of one, and each waits until both angles are known up to its time:
+messages may come in bursts. A message with both angles is a sample as it came. Other joints, as of a lift, count as
+they were last heard, for one second.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -231,3 +239,101 @@ def longest_wait(log_time: Stamps) -> int:
     came = np.searchsorted(time, time[at + 1] + 3 * pause[at], side='right') - at - 2
     most = int((came * period - 3.0 * pause[at]).max(initial=0.0))
     return most if most > TOLERANCE else 0
+
+
+_BOTH = 2
+"""In place of the number of a joint, 0 or 1: the message has both."""
+_NEVER = -(1 << 62)
+
+
+class JointParts:
+    """Brings the joint states of one topic, of which a message has some of the joints, to common times.
+
+    Messages may be added one by one or many at once: the samples are the same.
+
+    Args:
+        names: of q1, q2 and the other joints.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self._rows = Samples(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(names))))
+        self._done = np.zeros(0, bool)  # which of these messages are behind the common time
+        self._last = _BOTH, False  # joint of the latest of them, and whether it gave a sample
+        self._heard, self._when = np.full(len(names) + 2, nan), np.zeros(0, np.int64)
+
+    @property
+    def awaited(self) -> str:
+        """Names of q1 and q2; of one alone where the other has been heard of."""
+        unheard = [name for name, at in zip(self._names, self._heard[:2].tolist(), strict=False) if isnan(at)]
+        return ' and '.join(unheard or self._names[:2])
+
+    def add(self, new: Samples) -> tuple[Samples, dict[str, int]]:
+        """One or more messages.
+
+        Args:
+            new: in the order in which they came, (n, 2 + h), NaN where a message does not have that joint.
+
+        Returns:
+            The samples that they complete, each with the times of one message, and how many messages are of no use, by
+            reason. Where a joint is not stamped, no sample is.
+        """
+        rows = Samples(*(np.concatenate(both) for both in zip(self._rows, new, strict=True)))
+        angle, kept = ~np.isnan(rows.values[:, :2]), len(self._done)
+        stamped = all(2 * np.count_nonzero(rows.stamp[column]) >= column.sum() for column in angle.T)
+        time = rows.stamp if stamped else rows.log_time
+        rows.values[kept:, 2:], good, problems = self._checked(new, (time - rows.log_time)[kept:])
+        used = np.append(np.ones(kept, bool), good)
+        done = np.append(self._done, np.zeros(len(good), bool))[used]
+        rows, angle, time = rows.select(used), angle[used], time[used]
+        place = np.maximum.accumulate(np.where(angle, np.arange(len(time))[:, None], -1), axis=0)
+        common = np.where(place < 0, _NEVER, time[place])[kept:].min(axis=1).max(initial=_NEVER)
+        which, order = np.where(angle.all(axis=1), _BOTH, angle[:, 1]), np.argsort(time, kind='stable')
+        due = order[(((time <= common) | (which == _BOTH)) & ~done)[order]]
+        samples = self._samples(rows, time, order, due[self._give_samples(which[due])])
+        done[due] = True
+        since = min([int(time[done & column][-1]) if (done & column).any() else _NEVER for column in angle.T])
+        later: Mask = time >= since
+        self._rows, self._done = rows.select(later), done[later]
+        return samples if stamped else samples._replace(stamp=np.zeros_like(samples.stamp)), problems
+
+    def _checked(self, new: Samples, lag: NDArray[np.int64]) -> tuple[Floats, Mask, dict[str, int]]:
+        """Positions of the other joints as last heard; which messages can be used; how many cannot, by reason."""
+        angle = ~np.isnan(new.values[:, :2])
+        columns = np.column_stack([new.values, np.where(angle, lag[:, None], nan)])
+        place = np.where(np.isnan(columns), -1, np.arange(len(columns))[:, None])
+        place = np.maximum.accumulate(place, axis=0)
+        heard = np.where(place < 0, self._heard, np.take_along_axis(columns, place, axis=0))
+        when = np.where(place < 0, self._when if len(self._when) else new.log_time[0], new.log_time[place])
+        self._heard, self._when = heard[-1], when[-1]
+        pause, apart = new.log_time[:, None] - when, np.abs(heard[:, -1] - heard[:, -2])
+        silent = (pause[:, :2] > SECOND) & angle[:, ::-1] & ~angle  # while the other one speaks
+        slow = pause[:, :2].sum(axis=1)  # of a clock that runs slower, as a simulated one, the lag changes by as much
+        differ = (angle.sum(axis=1) == 1) & ~silent.any(axis=1) & (apart > TOLERANCE + slow)
+        problems = {f'{name} is silent': int(n) for name, n in zip(self._names, silent.sum(axis=0), strict=False) if n}
+        if differ.any():
+            how = f'{" and ".join(self._names[:2])} differ by {np.median(apart[differ]) / SECOND:.1g} s'
+            problems[f'the clocks of {how}, or one comes late'] = int(differ.sum())
+        others = np.where(pause > SECOND, nan, heard)[:, 2:-2]
+        return others, angle.any(axis=1) & ~silent.any(axis=1) & ~differ, problems
+
+    def _give_samples(self, joint: NDArray[np.int64]) -> Mask:
+        """Which of these messages, in the order of time, have news of one joint after news of the other."""
+        changes = np.append(self._last[1], np.append(self._last[0], joint[:-1]) + joint == 1)
+        at = np.arange(len(changes))
+        second = changes & ((at - np.maximum.accumulate(np.where(changes, -1, at))) % 2 == 1)  # every other one in turn
+        self._last = (int(joint[-1]), bool(second[-1])) if len(joint) else self._last
+        return np.asarray(second[1:] | (joint == _BOTH))
+
+    @staticmethod
+    def _samples(rows: Samples, time: NDArray[np.int64], order: Indices, due: Indices) -> Samples:
+        """At the times of some messages; an angle that one does not have is interpolated, but not over a second."""
+        found, when = rows.select(due), time[due]
+        for k in (0, 1) if len(due) else ():
+            mine = order[~np.isnan(rows.values[order, k])]
+            known, after = time[mine], np.searchsorted(time[mine], when).clip(max=len(mine) - 1)
+            between = np.interp(when - known[0], known - known[0], rows.values[mine, k], left=nan, right=nan)
+            between[known[after] - known[np.maximum(after - 1, 0)] > SECOND] = nan
+            found.values[:, k] = np.where(np.isnan(found.values[:, k]), between, found.values[:, k])
+        found = found.select(np.flatnonzero(np.isfinite(found.values[:, 0] + found.values[:, 1])))
+        return found.select(np.argsort(found.log_time, kind='stable'))

@@ -7,6 +7,23 @@ The zero is unknown and may be larger than a light touch. `coarse_tare`, which s
 the arm moves freely between the contacts and hardly in them: the zero is the mode of the force readings, each weighted
 with the travel of the joints meanwhile, estimated block by block so that it follows a drift. `tare_before` is the zero
 of one touch, from the free motion right before its contact.
+
+**The part of the zero that turns with link 2**: the weight of a tool that the sensor does not know.
+
+A sensor at the flange carries the tool. Its electrical zero is constant in its own frame, the weight in the base. So
+the readings of a free arm are, with the components of a force as a complex number and a = q1 + q2,
+
+    f = c + d exp(∓i a) + m x'',
+
+in the frame of the tool with - and d of the weight, in the base with + and d of the zero that the driver turns along;
+x'' is the acceleration of the tip in that frame. c follows a drift, as `coarse_tare`. All are found by least
+squares over the free motion: each interval of time has the weight that it has there, and what is farther from the fit
+than most is left out, as contacts are. d is taken away from all readings before anything is looked for in them; where
+it is not significant, or so small that the zero before each touch is enough, or where the cell states no gravity,
+readings stay as they are.
+
+The standard deviation of d is that of the sums of residuals over some seconds (White, Econometrica 48 (1980) 817, in
+clusters), as they are correlated within a motion.
 """
 
 from __future__ import annotations
@@ -15,12 +32,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.report.quantities import rounded_down
-from scara_kinetostatic.touches.signals import (
+from scara_kinetostatic.touches.streams import (
     SMOOTHING,
+    Signal,
     Signals,
-    Topic,
+    Thresholds,
     median,
     median_of_three,
     moving_mean,
@@ -36,44 +56,10 @@ END_RATIO = 0.5
 """A contact ends below this part of the deviation at which it begins."""
 
 
-SHORTEST_FREE = 0.1
+SHORTEST_FREE = Thresholds.pause
 """Free motion needed for a zero, s."""
-AFTER_CONTACT = 0.05
+AFTER_CONTACT = Thresholds.brief
 """Left out after the previous contact, s."""
-
-
-class Settings:
-    """What a contact is, and how the zero is found.
-
-    Attributes:
-        contact_sigmas: deviation at which a contact begins as a multiple of the standard deviation of the smoothed
-            force, where that is larger than `CONTACT_FORCE`.
-        longest_bounce: two contacts with a shorter loss of contact between them are one, s.
-        shortest_contact: a shorter deviation is a spike of the sensor, not a contact, s.
-        grid: interval over which force and joint travel are taken together for the coarse zero, s.
-        largest_weight: largest weight of one such interval: a joint travel beyond this counts no more, rad.
-        block: the coarse zero is estimated once in so long, s.
-        least_share: a block with less than this part of the mean joint travel of all blocks gives no coarse zero.
-        longest_free: at most so long before a contact is used for its zero, s.
-        before_contact: left out before the contact, s.
-        smallest_deviation: smallest deviation from the zero that marks the begin of a contact, N, for sensors
-            without noise.
-        onset_sigmas: the same as a multiple of the standard deviation of the smoothed force.
-        fewest_samples: samples of the force needed for a zero.
-    """
-
-    contact_sigmas: float = 6.0
-    longest_bounce: float = 0.05
-    shortest_contact: float = 0.05
-    grid: float = 0.025
-    largest_weight: float = 0.01
-    block: float = 10.0
-    least_share: float = 0.05
-    longest_free: float = 2.0
-    before_contact: float = 0.02
-    smallest_deviation: float = 1e-3
-    onset_sigmas: float = 4.0
-    fewest_samples: int = 5
 
 
 class Contacts(NamedTuple):
@@ -112,17 +98,17 @@ def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothin
     """
     wrench, noise = signals.wrench, white_noise(signals.wrench.value)
     shortest, longest = (2 * round(0.5 * time / wrench.period) + 1 for time in (SMOOTHING, longest_smoothing))
-    needed = 2 * round(0.5 * (Settings.contact_sigmas * noise / CONTACT_FORCE) ** 2) + 1
+    needed = 2 * round(0.5 * (Thresholds.sigmas * noise / CONTACT_FORCE) ** 2) + 1
     width = int(np.clip(needed, shortest, longest))
     smooth = moving_mean(signals.filtered.value, width)
     smooth -= coarse_tare(signals) if zero is None else zero
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
-    on = max(CONTACT_FORCE, Settings.contact_sigmas * noise / float(np.sqrt(width)))
+    on = max(CONTACT_FORCE, Thresholds.sigmas * noise / float(np.sqrt(width)))
     first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))
     begin, end = wrench.time[first], wrench.time[last]
-    apart = begin[1:] - end[:-1] >= Settings.longest_bounce
+    apart = begin[1:] - end[:-1] >= Thresholds.brief
     begin, end = begin[np.append(True, apart)[: len(begin)]], end[np.append(apart, True)[: len(end)]]
-    lasting = end - begin > max(Settings.shortest_contact, (width + 1) * wrench.period)
+    lasting = end - begin > max(Thresholds.brief, (width + 1) * wrench.period)
     begin, end = begin[lasting], end[lasting]
     peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
     inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]
@@ -167,8 +153,8 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | s
     Returns:
         The zero; why there is none where the free motion before the contact is too short, or sampled too slowly.
     """
-    wrench, fewest = signals.wrench, Settings.fewest_samples
-    earliest = max(previous_end + AFTER_CONTACT, begin - Settings.longest_free)
+    wrench, fewest = signals.wrench, Thresholds.few
+    earliest = max(previous_end + AFTER_CONTACT, begin - Thresholds.longest_free)
     free = wrench.stretch(earliest, begin)
     time, force = wrench.time[free], wrench.value[free]
     lasting = begin - (float(time[0]) if len(time) >= fewest else max(earliest, float(wrench.time[0])))
@@ -180,7 +166,7 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | s
         return f'{wrench.name} is sampled too slowly: {samples} in the {lasting:.2f} s of free motion before it'
     noise = white_noise(force)
     contact = _first_contact(time, signals.filtered.value[free], noise, wrench.period)
-    before = time < contact - Settings.before_contact
+    before = time < contact - Thresholds.before_contact
     if np.sum(before) < 3:
         before = np.arange(len(time)) < 3
     steps, _ = steps_of_mean(signals.filtered, time[before], signals.window)
@@ -193,7 +179,7 @@ def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> 
     """Time after which the force stays away from the median of the free samples, s; in their later half."""
     width = 2 * round(0.5 * SMOOTHING / period) + 1
     smooth = moving_mean(force - median(force), width)
-    limit = max(Settings.smallest_deviation, Settings.onset_sigmas * noise / np.sqrt(width))
+    limit = max(Thresholds.smallest_deviation, Thresholds.onset_sigmas * noise / np.sqrt(width))
     at_zero = np.flatnonzero(np.hypot(smooth[:, 0], smooth[:, 1]) < limit)
     latest = max(int(at_zero[-1]) if len(at_zero) else 0, len(time) // 2)
     return float(time[latest])
@@ -203,9 +189,9 @@ def coarse_tare(signals: Signals) -> Floats:
     """The zero of the force sensor at every wrench sample, (n, 2), N, in its frame and sign."""
     wrench = signals.wrench
     time, force, travel = grid_means(signals.joints, signals.filtered)
-    block = (time // Settings.block).astype(np.intp)
+    block = (time // Thresholds.block).astype(np.intp)
     whole = _weighted_mode(force, travel)
-    enough = Settings.least_share * travel.sum() / (block[-1] + 1)
+    enough = Thresholds.least_share * travel.sum() / (block[-1] + 1)
     centers, zeros = [], []
     for first, last in zip(*_equal_runs(block), strict=True):
         part = slice(first, last + 1)
@@ -218,15 +204,15 @@ def coarse_tare(signals: Signals) -> Floats:
     return np.column_stack([np.interp(wrench.time, centers, column) for column in course.T])
 
 
-def grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
+def grid_means(joints: Signal, wrench: Signal) -> tuple[Floats, Floats, Floats]:
     """Time (k,), s, mean force (k, 2), N, and joint travel (k,), rad, of every interval with force samples."""
-    size = max(Settings.grid, 2.5 * wrench.period)
+    size = max(Thresholds.grid, 2.5 * wrench.period)
     first, last = _equal_runs((wrench.time // size).astype(np.intp))
     count = (last - first + 1)[:, None]
     force = np.add.reduceat(wrench.value, first, axis=0) / count
     time = (np.floor(wrench.time[first] / size) + 0.5) * size
     begin, end = joints.at(time - 0.5 * size), joints.at(time + 0.5 * size)
-    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), Settings.largest_weight)
+    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), Thresholds.largest_weight)
 
 
 def _weighted_mode(values: Floats, weight: Floats) -> Floats:
@@ -264,3 +250,89 @@ def _equal_runs(labels: Indices) -> tuple[Indices, Indices]:
     """First and last index of every run of equal labels."""
     change = np.flatnonzero(np.diff(labels))
     return np.append(0, change + 1), np.append(change, len(labels) - 1)
+
+
+class TurningZero(NamedTuple):
+    """What turns with link 2 in the readings of a sensor.
+
+    Attributes:
+        force: d, as the sensor reports it, N.
+        std: its standard deviation, N; infinite where nothing is known.
+    """
+
+    force: complex = 0j
+    std: float = np.inf
+
+    def at(self, joints: Floats, cell: Cell) -> Floats:
+        """What it adds to readings at Q, (n, 2), rad: (n, 2), N."""
+        return pairs(self.force * _turn(joints.sum(axis=1), cell))
+
+    def out_of(self, signals: Signals, cell: Cell) -> Signals:
+        """Signals without it; those that are given where there is none."""
+        if not self.force:
+            return signals
+        wrench, joints = signals.wrench, signals.joints
+        value = wrench.value - self.at(joints.at(wrench.time), cell)
+        filtered = signals.filtered._replace(value=median_of_three(value))
+        return signals._replace(wrench=wrench._replace(value=value), filtered=filtered)
+
+    def remarks(self, cell: Cell) -> list[str]:
+        """What it is, and what to do about it; nothing where there is none."""
+        n, is_tool = cell.nominal, cell.sensor.frame is SensorFrame.TOOL
+        if not self.force:
+            return []
+        sign = -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        mass = -sign * self.force * np.exp(1j * (n.theta1 + n.theta2)) / complex(*n.gravity)
+        if is_tool and abs(mass.imag) < 0.3 * abs(mass.real):
+            what = 'does not know' if mass.real > 0 else 'takes off too much for'
+            tool = f'the sensor {what} a tool of {abs(mass.real):.3g} kg ({abs(self.force):.2g} N), which is corrected'
+            return [f'{tool}: set it in the driver, or state sensor.tool_weight: {mass.real:.3g}']
+        why = 'check the direction of gravity, sensor.rotation and joint_names, as it is not along the weight'
+        why = why if is_tool else 'have the driver set the zero before it turns the forces into the base'
+        return [f'the zero of the sensor turns with link 2, by {abs(self.force):.2g} N, which is corrected: {why}']
+
+
+def _turn(angle: Floats, cell: Cell) -> Complexes:
+    return np.asarray(np.exp((-1j if cell.sensor.frame is SensorFrame.TOOL else 1j) * angle))
+
+
+def find_turning_zero(signals: Signals, cell: Cell) -> TurningZero:
+    """The significant part of the zero that turns with link 2, with its standard deviation; 0 where there is none.
+
+    Args:
+        signals: the recording.
+        cell: frame of the sensor, and the nominal arm.
+    """
+    s, joints = Thresholds, signals.joints
+    if cell.sensor.tool_weight is not None or not cell.nominal.has_gravity:
+        return TurningZero()
+    time, force, travel = grid_means(joints, signals.filtered)
+    moving = travel > 0.02 * travel.max(initial=0.0)
+    time, travel = time[moving], travel[moving]
+    block, cluster = ((time / length).astype(np.intp) for length in (s.block, s.cluster))
+    if len(np.unique(cluster)) < s.fewest_clusters:
+        return TurningZero()
+    before, at, after = (joints.at(time + side * s.brief) for side in (-1, 0, 1))
+    turn = _turn(at.sum(axis=1), cell)
+    low, mid, high = (as_complex(forward(cell.nominal, angles)) for angles in (before, at, after))
+    acceleration = (high - 2.0 * mid + low) / s.brief**2 * (turn if cell.sensor.frame is SensorFrame.TOOL else 1.0)
+    columns, weight = np.array([turn, acceleration, as_complex(force[moving])]), travel
+
+    def sums(values: Complexes, labels: Indices) -> Complexes:
+        return np.asarray(np.bincount(labels, weight * values.real) + 1j * np.bincount(labels, weight * values.imag))
+
+    for _ in range(s.rounds):
+        total = np.maximum(np.bincount(block, weight), 1e-300)
+        *rows, y = (column - (sums(column, block) / total)[block] for column in columns)
+        x = np.array(rows)
+        inverse = np.linalg.pinv((x.conj() * weight) @ x.T, hermitian=True)
+        found = inverse @ ((x.conj() * weight) @ y)
+        residual = y - found @ x
+        size = np.abs(residual)
+        order = np.argsort(size)
+        half = np.searchsorted(np.cumsum(travel[order]), 0.5 * travel.sum())
+        weight = travel * (size <= s.outlying * size[order[half]])
+    scores = np.array([sums(row.conj() * residual, cluster) for row in x])
+    std = float(np.sqrt((inverse @ scores @ scores.conj().T @ inverse)[0, 0].real))
+    is_significant = abs(found[0]) > max(s.least_turning, s.sigmas * std)
+    return TurningZero(complex(found[0]), std) if is_significant else TurningZero()

@@ -19,75 +19,18 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.contacts import Contacts, Tare, tare_before
-from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
-from scara_kinetostatic.touches.streams import ALTERNATE, alternate
-
-
-class Settings:
-    """What a hold is, and why one is rejected.
-
-    Attributes:
-        shortest_hold: a shorter hold is not a touch, s.
-        sigmas: a difference of neighbouring means is a change if it exceeds this many of its standard deviations.
-        steady_force: difference of neighbouring means of the force up to which it is steady, relative to the force.
-        rough_contact: white noise of the force in contact is accepted up to this part of the force, where it
-            exceeds that before.
-        largest_slow_noise: slow noise of the force before the contact is accepted up to this part of the force.
-        steady_joint: speed up to which a joint is at rest, rad/s.
-        highest_joint_noise: noise of the joint readings is accepted up to this, rad; more is a motion.
-        same_force: two holds are one if their forces differ by less, relative to the force,
-        same_joint: and their joint angles by less, rad.
-        loaded: a contact is under load while the force exceeds this part of its largest value.
-        shortest_searched: shorter stretches of steady samples, s, or those of less than three windows, are not
-            considered.
-        peak: a hold shorter than three windows and than this part of the longest one in its contact is left out:
-            the means on both sides of a peak of the force agree as well.
-        largest_drift: accepted change of the force from the first to the last third of a hold, relative to the
-            force,
-        fastest_drift: and the same per second, 1/s; the smaller one holds,
-        drift_sigmas: but never less than this many standard deviations of that change by noise.
-        largest_scatter: accepted standard deviation of the force in a hold, relative to the force,
-        scatter_sigmas: but never less than this many times the noise before the contact.
-        largest_joint_scatter: accepted standard deviation of a joint angle in a hold, rad: ten times the noise with
-            which a hold is found.
-        largest_slide: accepted change of a joint angle from the first to the last third of a hold, rad.
-        clear_change: a part of such a hold is steady if the rest changes by more than this many times what is none:
-            pieces of a steady change are seldom so by chance.
-        weak_force: a contact without a hold under less force than this part of the smallest force of a hold,
-        weak_travel: in which a joint moves by more than this, rad, is not a touch: the force is that of the arm's
-            acceleration.
-        motion_before: joint readings that have not changed from this long before a contact on are frozen, s.
-        fewest_frozen: so many equal readings are not yet frozen.
-        shortest_named: a hold must last for this, s, to be named in the reason.
-        fewest_samples: of the slower topic under load, needed to find a hold: means of 2.5 samples before and after.
-    """
-
-    shortest_hold: float = 0.2
-    sigmas: float = 5.0
-    steady_force: float = 0.004
-    rough_contact: float = 0.02
-    largest_slow_noise: float = 0.01
-    steady_joint: float = 1e-3
-    highest_joint_noise: float = 1e-4
-    same_force: float = 0.01
-    same_joint: float = 5e-5
-    loaded: float = 0.5
-    shortest_searched: float = 0.1
-    peak: float = 0.5
-    largest_drift: float = 0.03
-    fastest_drift: float = 0.1
-    drift_sigmas: float = 6.0
-    largest_scatter: float = 0.1
-    scatter_sigmas: float = 4.0
-    largest_joint_scatter: float = 1e-3
-    largest_slide: float = 2e-4
-    clear_change: float = 2.0
-    weak_force: float = 0.5
-    weak_travel: float = 0.03
-    motion_before: float = 0.1
-    fewest_frozen: int = 5
-    shortest_named: float = 0.05
-    fewest_samples: int = 10
+from scara_kinetostatic.touches.streams import (
+    ALTERNATE,
+    Signal,
+    Signals,
+    Thresholds,
+    alternate,
+    median,
+    robust_mean,
+    runs,
+    steps_of_mean,
+    white_noise,
+)
 
 
 class Hold(NamedTuple):
@@ -135,7 +78,7 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
         begin: time of the first sample that is clearly in contact, s.
         end: time of the last sample of the contact, s.
     """
-    joints, wrench, s = signals.joints, signals.filtered, Settings
+    joints, wrench, s = signals.joints, signals.filtered, Thresholds
     time = wrench.time[wrench.stretch(tare.contact, end)]
     if len(time) < 2:
         return [], _too_short(0.0)
@@ -152,12 +95,12 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     lasting, slow = float(time[span][-1] - time[span][0]), max(joints, wrench, key=lambda topic: topic.period)
     samples = len(slow.during(np.array([[time[span][0], np.nextafter(time[span][-1], np.inf)]])))
-    if samples < s.fewest_samples and lasting + 2 * slow.period >= s.shortest_hold:
-        how_many = f'{samples} of {s.fewest_samples} samples needed for a hold in the {lasting:.2f} s under load'
+    if samples < s.samples_of_hold and lasting + 2 * slow.period >= s.shortest_hold:
+        how_many = f'{samples} of {s.samples_of_hold} samples needed for a hold in the {lasting:.2f} s under load'
         return [], Defect('sampling', f'{slow.name} is sampled too slowly: {how_many}')
     if lasting < s.shortest_hold:
         return [], _too_short(lasting, 'under load for')
-    if len(found) == 1 and found[0].duration > s.shortest_named:
+    if len(found) == 1 and found[0].duration > s.brief:
         return [], _too_short(found[0].duration)
     if (part := float(at_rest[span].mean())) < float(steady[span].mean()):
         resting = f'they do during only {int(100 * part)} % of the contact, as in a slide'
@@ -175,29 +118,29 @@ def _changes(signals: Signals, tare: Tare, time: Floats, window: float) -> tuple
         time: samples of the force in it, (k,), s.
         window: the means before and after each are over so long, s.
     """
-    joints, wrench, s = signals.joints, signals.filtered, Settings
+    joints, wrench, s = signals.joints, signals.filtered, Thresholds
     force_step, mean = steps_of_mean(wrench, time, window)
     load = np.hypot(*(mean - tare.force).T)
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
     noise = max(tare.noise, min(white_noise(force), s.rough_contact * float(median(load))))
-    slow_noise = min(tare.slow_noise, s.largest_slow_noise * float(load.max()))
+    slow_noise = min(tare.slow_noise, s.same_force * float(load.max()))
     changes = np.abs(np.diff(force, axis=0))
     resolution = float(np.min(changes, where=changes > 0, initial=np.inf)) if changes.any() else 0.0
-    force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), resolution)
+    force_limit = max(s.hold_sigmas * max(_step_std(noise, wrench, window), slow_noise), resolution)
     force_limits = np.maximum(force_limit, s.steady_force * load)
     joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), s.highest_joint_noise)
-    joint_limit = s.steady_joint * signals.window + s.sigmas * _step_std(joint_noise, joints, window)
+    joint_limit = s.steady_joint * signals.window + s.hold_sigmas * _step_std(joint_noise, joints, window)
     joint_step = np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1)
     parts = np.hypot(*force_step.T) / force_limits, joint_step / max(joint_limit, signals.resolution)
     return load, noise, np.array(parts)
 
 
 def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
-    expected = f'expected {Settings.shortest_hold} s at rest'
+    expected = f'expected {Thresholds.shortest_hold} s at rest'
     return Defect('short hold', f'hold too short: {how} {rounded_down(lasting)} s, {expected}')
 
 
-def _step_std(noise: float, topic: Topic, window: float) -> float:
+def _step_std(noise: float, topic: Signal, window: float) -> float:
     """Standard deviation of the difference of neighbouring means of white noise."""
     return noise * float(np.sqrt(2.0 * topic.period / window))
 
@@ -209,7 +152,7 @@ def _holds_of_contact(
     found: list[Hold] = []
     for first, last in zip(*runs(is_hold), strict=True):
         begin, end = float(time[first]), float(time[last])
-        if end - begin + 2 * window < min(Settings.shortest_searched, 3 * window):
+        if end - begin + 2 * window < min(Thresholds.pause, 3 * window):
             continue
         inner = _inner(begin, end, window)
         hold = _hold(signals, tare, np.array([inner]), begin - window, end + window)
@@ -221,12 +164,12 @@ def _holds_of_contact(
             hold = _hold(signals, tare, both, before.begin, hold.end) or hold
         found.append(hold)
     longest = max((hold.duration for hold in found), default=0.0)
-    return [hold for hold in found if hold.duration >= min(3 * window, Settings.peak * longest)]
+    return [hold for hold in found if hold.duration >= min(3 * window, Thresholds.peak * longest)]
 
 
 def _inner(begin: float, end: float, window: float) -> tuple[float, float]:
     """The interval to average, from the first to the last steady sample of a hold: (begin, end), s."""
-    extra = end - begin - Settings.shortest_hold / 2
+    extra = end - begin - Thresholds.shortest_hold / 2
     if extra > 0:
         return begin + 0.25 * extra, end - 0.1 * extra  # at first the force may creep
     more = min(-0.5 * extra, window)
@@ -243,9 +186,9 @@ def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: fl
 
 def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
     """Whether two holds have the same force and joint angles."""
-    limit = max(Settings.sigmas * noise / 3.0, Settings.same_force * float(np.hypot(*one.force)))
+    limit = max(Thresholds.hold_sigmas * noise / 3.0, Thresholds.same_force * float(np.hypot(*one.force)))
     same_force = np.hypot(*(one.force - other.force)) <= limit
-    return bool(same_force and np.abs(one.joints - other.joints).max() <= Settings.same_joint)
+    return bool(same_force and np.abs(one.joints - other.joints).max() <= Thresholds.same_joint)
 
 
 class TouchCandidate(NamedTuple):
@@ -277,8 +220,8 @@ class TouchCandidate(NamedTuple):
 def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
     """Every hold of every contact, and every contact without a hold, in the order of time.
 
-    Contacts without a hold, with far less force than any hold (`Settings.weak_force`) and while the joints move far
-    (`Settings.weak_travel`), are left out: the force comes from the acceleration of the arm.
+    Contacts without a hold, with far less force than any hold (`Thresholds.weak_force`) and while the joints move far
+    (`Thresholds.weak_travel`), are left out: the force comes from the acceleration of the arm.
 
     Args:
         signals: the recording.
@@ -290,8 +233,8 @@ def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCan
     found = _all_candidates(signals, contacts)
     loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.defect]
     held = [c.contact[1] for c in found if c.hold is not None]
-    weak = contacts.peak < Settings.weak_force * min(loads, default=0.0)
-    weak &= ~np.isin(contacts.end, held) & (contacts.travel > Settings.weak_travel)
+    weak = contacts.peak < Thresholds.weak_force * min(loads, default=0.0)
+    weak &= ~np.isin(contacts.end, held) & (contacts.travel > Thresholds.weak_travel)
     return (_all_candidates(signals, contacts.select(~weak)) if weak.any() else found), int(weak.sum())
 
 
@@ -335,9 +278,9 @@ def _steady_parts(signals: Signals, tare: Tare, slow: list[TouchCandidate]) -> l
                 continue
             _, noise, changes = _changes(signals, tare, time, window)
             change = changes.max(axis=0)
-            if (change > 1.0).any() and np.median(change[change > 1.0]) > Settings.clear_change:
+            if (change > 1.0).any() and np.median(change[change > 1.0]) > Thresholds.clear_change:
                 holds = _holds_of_contact(signals, tare, time, change <= 1.0, noise, window)
-                lasting = [hold for hold in holds if hold.duration >= Settings.shortest_hold]
+                lasting = [hold for hold in holds if hold.duration >= Thresholds.shortest_hold]
                 found += [_judged(signals, tare, whole.contact, hold) for hold in lasting]
         if good := [part for part in found if part.counts]:
             return good
@@ -357,7 +300,7 @@ def _gap(signals: Signals, begin: float, end: float) -> Defect | None:
 def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
     """What changes slowly during a hold; None if nothing does."""
     joints, force = signals.joints.during(hold.intervals), signals.wrench.during(hold.intervals)
-    load, noise, s = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force)), Settings
+    load, noise, s = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force)), Thresholds
     scatter, wide = float(hold.force_scatter.max()), float(hold.joint_scatter.max())
     slide, drift, step = _drift(joints), _drift(force), signals.resolution
     if slide > max(s.largest_slide, 1.5 * step):  # a change by one step is none
@@ -367,8 +310,8 @@ def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
         return Defect('scatter', text)
     apart = 2.0 / 3.0 * float(hold.intervals[-1, 1] - hold.intervals[0, 0])
     allowed = load * min(s.largest_drift, s.fastest_drift * apart)
-    white = s.drift_sigmas * noise / np.sqrt(max(len(force) / 3, 1.0))
-    if drift > max(allowed, white, min(s.drift_sigmas * tare.slow_noise, 2.0 * allowed)):
+    white = s.sigmas * noise / np.sqrt(max(len(force) / 3, 1.0))
+    if drift > max(allowed, white, min(s.sigmas * tare.slow_noise, 2.0 * allowed)):
         return Defect('unsteady', f'no steady force: it changes by {drift:.2f} N during the hold')
     if scatter > max(s.largest_scatter * load, s.scatter_sigmas * tare.noise):
         return Defect('unsteady', f'no steady force: its standard deviation during the hold is {scatter:.2f} N')
@@ -381,14 +324,14 @@ def _frozen(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
 
     The readings of joints at rest may be equal to the last bit, but they change while the arm presses.
     """
-    force, fewest = signals.wrench.during(hold.intervals), Settings.fewest_frozen
+    force, fewest = signals.wrench.during(hold.intervals), Thresholds.few
     free = signals.wrench.value[signals.wrench.stretch(tare.contact - 1.0, tare.contact)]
     still = ~np.any(np.diff(force, axis=0), axis=0) & (np.mean(np.diff(free, axis=0) != 0, axis=0) > 0.5)
     for axis, name in enumerate('xy'):
         if len(force) > fewest and still[axis]:
             readings = f'{len(force)} samples of f{name} = {force[0, axis]:.6g} N'
             return Defect('frozen', f'the force reading is frozen or saturated: {readings}')
-    joints = signals.joints.value[signals.joints.stretch(tare.contact - Settings.motion_before, hold.end)]
+    joints = signals.joints.value[signals.joints.stretch(tare.contact - Thresholds.pause, hold.end)]
     if len(joints) > fewest and not np.any(np.diff(joints, axis=0)):
         readings = f'{len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
         return Defect('frozen', f'the joint readings are frozen: {readings}')

@@ -27,7 +27,7 @@ from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.touches.contacts import Tare
 from scara_kinetostatic.touches.holds import Hold, TouchCandidate
-from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median_of_three, moving_mean
+from scara_kinetostatic.touches.streams import SMOOTHING, Signal, Signals, Thresholds, median_of_three, moving_mean
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad."""
@@ -53,7 +53,7 @@ def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = SMALLEST_
     return np.asarray(sense * np.where(np.maximum.accumulate(turned, axis=0), 0.0, offset).max(axis=0))
 
 
-def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float, step: float) -> tuple[Floats, Floats]:
+def approach_of_hold(joints: Signal, hold: Hold, contact: float, earliest: float, step: float) -> tuple[Floats, Floats]:
     """The last movement of each joint before a hold, and its part in contact.
 
     Args:
@@ -178,7 +178,7 @@ class _ContactLoad:
                 held = force[first:end]
                 steps = (held[width:] - held[:-width]).ravel()
                 noise = max(noise, np.sqrt(steps @ steps / (2.0 * len(steps))))
-        return max(6.0 * float(noise), 0.004 * float(np.abs(force).max(initial=0.0)))
+        return max(Thresholds.sigmas * float(noise), Thresholds.steady_force * float(np.abs(force).max(initial=0.0)))
 
     def unloaded(self) -> Turn:
         """The end of the contact: no load."""

@@ -20,12 +20,18 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.clock import SECOND, BestLags, ClockStepError, Samples, on_one_clock
-from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO, coarse_tare
+from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO, TurningZero, coarse_tare
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
 from scara_kinetostatic.touches.load_history import LoadMemory
-from scara_kinetostatic.touches.signals import SMOOTHING, as_signals, median_of_three, moving_mean
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
-from scara_kinetostatic.touches.turning_zero import TurningZero
+from scara_kinetostatic.touches.streams import (
+    SMOOTHING,
+    JointStream,
+    Streams,
+    WrenchStream,
+    as_signals,
+    median_of_three,
+    moving_mean,
+)
 
 _CLEAR = SECOND // 7
 """A contact is over when the force has been back at its zero for so long, ns."""

@@ -23,7 +23,7 @@ from scara_kinetostatic.simulation.commanded import ModelBody
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
-from scara_kinetostatic.touches.association import associate
+from scara_kinetostatic.touches.detection import associate
 
 ELL, BLOCK, EDGE, DISC = (OBJECTS[name] for name in ('ell', 'block', 'edge', 'disc'))
 TRUTH = Parameters(0.0025, -0.002, 0.004, 0.3312, -0.003, 0.3285, 1.3e-5, 2e-5, 3e-5, 5e-5, 1e-4, 1.5e-4)

@@ -14,7 +14,7 @@ from cli.conftest import SLOW
 from scara_kinetostatic.cli.compensate import metadata_of
 from scara_kinetostatic.files.calibration_file import load_calibration, load_predictor
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.touch_table import STATES, load_pose_table, load_touch_table
+from scara_kinetostatic.files.tables import STATES, load_pose_table, load_touch_table
 from scara_kinetostatic.interface import compensate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.pipeline import gather_touches

@@ -15,7 +15,7 @@ from diagnosis.simulated import CELL, MORE, effect, simulate
 from benchmark.common import dump_touch_table
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell
-from scara_kinetostatic.files.touch_table import TouchTable, load_touch_table
+from scara_kinetostatic.files.tables import TouchTable, load_touch_table
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

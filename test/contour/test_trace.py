@@ -21,7 +21,7 @@ from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
-from scara_kinetostatic.touches.signals import as_signals
+from scara_kinetostatic.touches.streams import as_signals
 
 DISC_CENTER = np.array([0.2, 0.3])
 NOISY = SensorModel(force_noise=1.0)

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.files.columns import csv_cell
 from scara_kinetostatic.files.export import exported
+from scara_kinetostatic.files.tables import csv_cell
 from scara_kinetostatic.files.urdf import comment, xacro
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm

@@ -12,7 +12,7 @@ from files.robots import CASES, SCARA, Tree, text_of
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.files.cell_file import load_cell, read_cell
 from scara_kinetostatic.files.robot_cell import robot_cell
-from scara_kinetostatic.files.robot_urdf import Robot, read_robot
+from scara_kinetostatic.files.urdf import RobotDescription, read_robot
 from scara_kinetostatic.files.yaml_file import parse_yaml
 from scara_kinetostatic.model.cell import Cell, Lift, SensorFrame
 from scara_kinetostatic.model.joint_law import joint_torques
@@ -26,7 +26,7 @@ def cell_of(text: str) -> Cell:
 def described(text: str, name: str = 'scara', **more: object) -> tuple[str, list[str]]:
     case = CASES[name]
     given = {'joints': case.joints, 'tip': case.tip, 'at': case.at} | more
-    return robot_cell(Robot(text.encode(), 'robot.urdf'), **given)  # type: ignore[arg-type]
+    return robot_cell(RobotDescription(text.encode(), 'robot.urdf'), **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize('name', CASES)
@@ -226,7 +226,7 @@ def test_what_check_urdf_reads_is_read(old: str, new: str, encoding: str) -> Non
     """The first of what is there twice; none of it changes the arm."""
     content = SCARA.replace(old, new).encode(encoding, 'replace')
     case = CASES['scara']
-    assert robot_cell(Robot(content, 'robot.urdf'), case.joints, case.tip, case.at) == described(SCARA)
+    assert robot_cell(RobotDescription(content, 'robot.urdf'), case.joints, case.tip, case.at) == described(SCARA)
 
 
 def test_names_of_any_letters_are_kept() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.files.touch_table import EXAMPLE, _touches, is_touch_table, load_touch_table
+from scara_kinetostatic.files.tables import EXAMPLE, _touches, is_touch_table, load_touch_table, parse_table
 from scara_kinetostatic.model.cell import SensorFrame
 
 HEADING = 'q1_rad,q2_rad,fx_N,fy_N'

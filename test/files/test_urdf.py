@@ -14,7 +14,7 @@ from files.test_robot_cell import cell_of, described
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.export import exported_into
-from scara_kinetostatic.files.robot_urdf import Robot
+from scara_kinetostatic.files.urdf import RobotDescription
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Lift, Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -84,7 +84,7 @@ def test_every_other_byte_stays(l2: float, number: int, encoding: str, tmp_path:
     assert len(different) == number and all(k % 2 for k in different)
     assert re.fullmatch(r"<origin a:b='x'\r\n\t xyz = '\S+ \S+ 0.05'\r\n\t rpy='0 0 0.103' />", changed[different[0]])
     plain, _ = into(arm, SCARA.encode(), tmp_path / 'plain.urdf')
-    one, other = (Robot(each, 'robot.urdf').joints for each in (made, plain))
+    one, other = (RobotDescription(each, 'robot.urdf').joints for each in (made, plain))
     assert all((one[name].xyz, one[name].rpy) == (other[name].xyz, other[name].rpy) for name in one)
 
 

@@ -12,7 +12,7 @@ import scara_kinetostatic as sk
 from benchmark.common import dump_touch_table
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.cli.main import main
-from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.files.tables import TouchTable
 from scara_kinetostatic.pipeline import calibrate_recordings
 
 ROOT = Path(__file__).parents[2]

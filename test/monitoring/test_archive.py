@@ -21,7 +21,7 @@ from benchmark.common import CELL, dump_touch_table
 from scara_kinetostatic import simulate
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.files.tables import TouchTable
 from scara_kinetostatic.model.cell import Identification
 from scara_kinetostatic.monitoring import archive
 from scara_kinetostatic.monitoring.archive import Task, _answers, recalibrate, tasks_of

@@ -22,12 +22,11 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.calibration_job import Job, do
-from scara_kinetostatic.pipeline import calibrate_files
+from scara_kinetostatic.pipeline import REASON, calibrate_files
 from scara_kinetostatic.results import report as page
 from scara_kinetostatic.results.calibration_yaml import load_result
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.left_out import REASON
 
 HALVES = (range(0, 72, 2), range(1, 72, 2))
 Make = Callable[..., Job]

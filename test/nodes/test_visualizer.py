@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.files.robot_urdf import Robot
+from scara_kinetostatic.files.urdf import RobotDescription
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Lift, Plane
 from scara_kinetostatic.model.kinematics import forward
@@ -116,7 +116,7 @@ def test_robot_description_has_limits_and_lift_of_the_cell(bench: Callable[..., 
     path.write_text(dump_cell(replace(PAPER_CELL, limits=((-1.0, 2.0), (-2.0, 2.5)), lift=Lift('joint3', 0.02, 0.0))))
     cell = bench(Visualizer, on=Cell, cell=path, publish_urdf=True)
     cell.wait(lambda: 'robot_description' in cell.heard)
-    robot = Robot(cell.heard['robot_description'].data.encode(), 'robot_description')
+    robot = RobotDescription(cell.heard['robot_description'].data.encode(), 'robot_description')
     moving = {name: (joint.type, joint.limits) for name, joint in robot.joints.items() if joint.type != 'fixed'}
     first, second = ('revolute', (-1.0, 2.0)), ('revolute', (-2.0, 2.5))
     assert moving == {'joint1': first, 'joint2': second, 'joint3': ('prismatic', (0.0, 0.02))}

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from studies.load_records import play
 
-from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.files.tables import csv_lines
 from scara_kinetostatic.studies.loops.dial_gauge import Readings
 
 

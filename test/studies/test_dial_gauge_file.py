@@ -9,7 +9,7 @@ import pytest
 from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.columns import parse_table
+from scara_kinetostatic.files.tables import parse_table
 from scara_kinetostatic.studies.loops.dial_gauge import GaugeTable, Readings, load_readings
 from scara_kinetostatic.studies.paper.study import simulate_experiments
 

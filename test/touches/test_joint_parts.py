@@ -7,8 +7,8 @@ from math import isnan, nan
 import numpy as np
 import pytest
 
-from scara_kinetostatic.touches.clock import Samples
-from scara_kinetostatic.touches.streams import JointParts, alternate
+from scara_kinetostatic.touches.clock import JointParts, Samples
+from scara_kinetostatic.touches.streams import alternate
 
 NAMES = ('joint1', 'joint2')
 MS = 1_000_000

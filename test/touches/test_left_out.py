@@ -9,10 +9,10 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.pipeline import REASON, kept_recordings, leave_out, parse_left_out
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.touches.detection import Detection
-from scara_kinetostatic.touches.left_out import REASON, kept_recordings, leave_out, parse_left_out
 
 
 @pytest.fixture(scope='module')

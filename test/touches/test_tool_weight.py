@@ -13,11 +13,10 @@ from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.running.robot import Senses
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
+from scara_kinetostatic.touches.contacts import TurningZero, find_turning_zero
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
-from scara_kinetostatic.touches.signals import as_signals
-from scara_kinetostatic.touches.streams import WrenchStream
-from scara_kinetostatic.touches.turning_zero import TurningZero, find_turning_zero
+from scara_kinetostatic.touches.streams import WrenchStream, as_signals
 
 GRAVITY = (0.0, -9.81)
 BASE, TOOL = SensorFrame

@@ -33,7 +33,7 @@ A gauge at the end-effector measures joint and gripper in series; both dead zone
 along the same direction in the same experiment, its displacement is subtracted, and its variance added.
 
 **Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
-(6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
+(6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Sheet 2 has 2.9e-4
 rad for g1 and g2, near the gaps 2.64e-4 and 2.68e-4; the paper calls its values "reasonable but arbitrary".) Both are
 reported.
 
@@ -52,8 +52,8 @@ import numpy as np
 from scipy import stats
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
-from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Table, one_of
+from scara_kinetostatic.files import tables
+from scara_kinetostatic.files.tables import Field, Sheet, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.studies.loops.record import LEVEL
 from scara_kinetostatic.studies.loops.selection import Estimate
@@ -116,24 +116,24 @@ class GaugeTable(NamedTuple):
 
 
 COLUMNS = (
-    Column('force', ('force', 'load', 'f'), columns.FORCE, True, largest=1e6),
-    Column('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), columns.LENGTH, True, largest=0.5),
-    Column(
-        'direction', ('direction', 'angle'), columns.ANGLE, blank=True,
+    Field('force', ('force', 'load', 'f'), tables.FORCE, True, largest=1e6),
+    Field('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), tables.LENGTH, True, largest=0.5),
+    Field(
+        'direction', ('direction', 'angle'), tables.ANGLE, blank=True,
         largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
     ),
-    Column('lever', ('lever', 'arm'), columns.LENGTH, blank=True, largest=10.0, positive=True),
-    Column('time', ('time', 't'), columns.TIME, blank=True, largest=1e12),
-    Column('cycle', ('cycle',), blank=True, largest=1e6),
-    Column(
+    Field('lever', ('lever', 'arm'), tables.LENGTH, blank=True, largest=10.0, positive=True),
+    Field('time', ('time', 't'), tables.TIME, blank=True, largest=1e12),
+    Field('cycle', ('cycle',), blank=True, largest=1e6),
+    Field(
         'part', ('part', 'joint'), blank=True,
         parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
     ),
-    Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
+    Field('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
 )  # fmt: skip
 
 
-def load_readings(table: Table, **defaults: str | float) -> GaugeTable:
+def load_readings(table: Sheet, **defaults: str | float) -> GaugeTable:
     """The readings in a table.
 
     Args:

@@ -37,8 +37,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
-from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Place, Table, load_table, split_heading
+from scara_kinetostatic.files import tables
+from scara_kinetostatic.files.tables import Field, Place, Sheet, load_table, split_heading
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.touch import play_limits, play_range
 
@@ -405,19 +405,19 @@ def block_means(values: Floats, block: int) -> Floats:
 
 
 _KINDS = {
-    'load': (('force', 'load', 'f', 'torque', 'moment'), {'N': columns.FORCE, 'Nm': columns.TORQUE}),
+    'load': (('force', 'load', 'f', 'torque', 'moment'), {'N': tables.FORCE, 'Nm': tables.TORQUE}),
     'response': (
         ('displacement', 'deflection', 'response', 'angle', 'rotation'),
-        {'m': columns.LENGTH, 'rad': columns.ANGLE},
+        {'m': tables.LENGTH, 'rad': tables.ANGLE},
     ),
-    'time': (('time', 't'), {'s': columns.TIME}),
+    'time': (('time', 't'), {'s': tables.TIME}),
 }
 """What a column may be called where none is chosen, and its units by SI unit."""
 _LARGEST = {'m': 0.5, 'rad': 100.0, 'N': 1e6, 'Nm': 1e6, 's': 1e12}
 """The largest plausible size by SI unit."""
 
 
-def _choose(table: Table, kind: str, chosen: str | None) -> tuple[str, str, Place]:
+def _choose(table: Sheet, kind: str, chosen: str | None) -> tuple[str, str, Place]:
     """The column of a kind: its heading, its SI unit, its place.
 
     Raises:
@@ -433,7 +433,7 @@ def _choose(table: Table, kind: str, chosen: str | None) -> tuple[str, str, Plac
             if unit in factors:
                 fitting.append(heading)
                 if heading == chosen.strip() if chosen is not None else word.lower() in words:
-                    place = Place(Column(kind, (), largest=_LARGEST[si]), number, factors[unit])
+                    place = Place(Field(kind, (), largest=_LARGEST[si]), number, factors[unit])
                     found.append((heading, si, place))
     if len(found) == 1:
         return found[0]
