@@ -35,10 +35,10 @@ from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Item, title_of, uncertainty_budget
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
-from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.search import FOUND
+from scara_kinetostatic.gaussian.linear_model import leverage, orthonormal
 from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.threads import one_thread
@@ -126,8 +126,7 @@ def leverages(calibration: Calibration) -> Floats:
     prior = ActivePrior.of(observations, c.subspace)
     if prior is not None:
         rows = np.concatenate([rows, prior.rows @ basis])
-    blocks = orthonormal(rows)[: 2 * n].reshape(n, 2, -1)
-    return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))
+    return read_only(np.clip(leverage(orthonormal(rows)[: 2 * n].reshape(n, 2, -1)), 0.0, 1.0))
 
 
 class Discrimination(NamedTuple):

@@ -12,7 +12,8 @@ error of all radii and g_ee, is thereby as uncertain as it was declared. Nothing
 With e the errors, R(·) a rotation and s the stated values, a disc on a plate with origin o has the centre
 o + t + R(ω) (s + δ - o) and the radius s + ρ + ρ_common; the force is R(-β) F_reported / (1 + γ).
 
-To first order and with w whitened to w + J ΔL + N e, e is eliminated (`Marginal`): its covariance is then I + N Nᵀ.
+To first order and with w whitened to w + J ΔL + N e, e is eliminated (`gaussian.linear_model.Marginal`): the
+covariance is then I + N Nᵀ.
 
 Sources: GUM (JCGM 100:2008), 4.3 (type B) and F.1.2.4 (correlation by a common error); Mikhail and Ackermann,
 Observations and Least Squares (1976), on parameters observed directly.
@@ -273,32 +274,6 @@ class Prior(NamedTuple):
 
 
 NOTHING_KNOWN = Prior((), np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0), 0)
-
-
-class Marginal(NamedTuple):
-    """M = (I + N Nᵀ)^(-1/2): whitened rows, once more whitened for what unknown errors add to their covariance.
-
-    Attributes:
-        basis: orthonormal basis of the columns of N, (2n, r).
-        shrink: eigenvalues of M in it less 1, (r,).
-    """
-
-    basis: Floats
-    shrink: Floats
-
-    @classmethod
-    def of(cls, columns: Floats | None, rows: int) -> Marginal:
-        """M of N, (2n, m), in units of the standard uncertainties; the identity where N is None."""
-        if columns is None or not columns.shape[1]:
-            return cls(np.zeros((rows, 0)), np.zeros(0))
-        basis, singular, _ = np.linalg.svd(columns, full_matrices=False)
-        return cls(basis, 1 / np.sqrt(1 + singular**2) - 1)
-
-    def apply(self, rows: Floats) -> Floats:
-        """M times a vector (2n,) or columns (2n, k)."""
-        if not self.shrink.size:
-            return rows
-        return np.asarray(rows + (self.basis * self.shrink) @ (self.basis.T @ rows))
 
 
 UNDETECTED = 'undetected'

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.fit_point import (
     COARSE,
     FINAL,
@@ -29,7 +28,6 @@ from scara_kinetostatic.calibration.fit_point import (
 )
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
-from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import (
     USUAL_NOISE,
     as_stated,
@@ -40,6 +38,8 @@ from scara_kinetostatic.calibration.noise_estimation import (
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.gaussian import least_squares
+from scara_kinetostatic.gaussian.least_squares import typical_scale
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel

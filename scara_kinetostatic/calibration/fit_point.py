@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.gauss_helmert import (
     Adjusted,
     Linearisation,
@@ -24,6 +23,7 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     whiten,
 )
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
+from scara_kinetostatic.gaussian.linear_model import Marginal
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, pick, put
 from scara_kinetostatic.model.cell import Cell, Noise, force_covariance
 from scara_kinetostatic.model.contact import contact

@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, Stage, evaluate, last_step, moved
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.diagnosis.linear_problem import Problem, f_test, fitted_effects
+from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
+from scara_kinetostatic.gaussian.linear_model import f_test
 from scara_kinetostatic.model.arrays import Floats
 
 

@@ -31,9 +31,10 @@ from scara_kinetostatic.calibration.fit_point import Point, augmented, base_forc
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
-from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import Trial, at_joint
+from scara_kinetostatic.gaussian.linear_model import left_out, orthonormal
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Mask, pick, rms
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
@@ -175,7 +176,7 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     across_circle = whitened_normal(observations, point)
     tip = TipError(
         rms((point.whitened.residual * across_circle).sum(axis=1)),
-        rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
+        rms((left_out(base.reshape(n, 2, -1), point.whitened.residual) * across_circle).sum(axis=1)),
         rms(across_circle.ravel()) * 2**0.5,
     )
     return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
@@ -189,16 +190,6 @@ def whitened_normal(observations: Observations, point: Point) -> Floats:
     first, second = (normal * at.normal).sum(axis=1), (normal * at.tangent).sum(axis=1)
     l11, l21, l22 = point.whitened.root
     return np.stack([l11 * first + l21 * second, l22 * second], axis=-1)
-
-
-def _left_out(base: Floats, residual: Floats) -> Floats:
-    """Whitened residuals (n, 2), each as a fit without that touch would leave it, to first order."""
-    rows = base.reshape(-1, 2, base.shape[1])
-    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
-    values, vectors = np.linalg.eigh(kept)
-    # less is that of a touch which alone determines a parameter
-    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, 1e-6)
-    return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
 
 
 class LeftOut(NamedTuple):

@@ -28,18 +28,17 @@ from scipy import special
 
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by, whitened_square
+from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.noise_estimation import growing
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import (
     FORCE_LEVELS,
     INDEPENDENT_PART_CAUTIOUS,
     SIGNIFICANCE,
-    f_test,
     fitted_effects,
-    independent_part,
-    orthonormal,
 )
 from scara_kinetostatic.diagnosis.result import Dependence
+from scara_kinetostatic.gaussian.linear_model import blocks, f_test, independent_part, orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch_equations import view_arm
 
@@ -130,7 +129,8 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     dependences = []
     for name, columns, noise in _families(c, point):
         changed = None if noise is None else noise.reshape(2 * n, -1)
-        unit, _ = independent_part(base, marginal.apply(columns.reshape(2 * n, -1)), INDEPENDENT_PART_CAUTIOUS, changed)
+        added = marginal.apply(columns.reshape(2 * n, -1))
+        unit, _ = independent_part(base, added, INDEPENDENT_PART_CAUTIOUS, changed, NOISE_SHARE)
         tested = f_test(unit, residual, 2 * n - uninformative - base.shape[1], least)
         if tested is not None:
             dependences.append(Dependence(name, *tested))
@@ -157,7 +157,7 @@ def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     roots = _roots_of_variances(c, observations.radii, point)
     kinds = [whitened_square(roots[name], point.whitened.root) for name in (*beside, kind)]
     rows = base.reshape(-1, 2, base.shape[1])
-    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
+    kept = np.eye(2) - blocks(rows)
     e = (left / np.sqrt(size)).reshape(-1, 2)
     score = np.array([np.einsum('ni,nij,nj->', e, part, e) - np.einsum('nij,nji->', part, kept) for part in kinds])
     half = [np.einsum('nij,njk->nik', part, kept) for part in kinds]

@@ -9,7 +9,7 @@ what it would be without them, to first order. So all effects, those already fit
 fitting them only improves the point of linearisation and the noise.
 
 Where the cell description declares uncertainties, y is what it would be without such errors, and all rows are
-multiplied by M (`calibration.declared_errors.Marginal`): an effect has to exceed what was declared.
+multiplied by M (`gaussian.linear_model.Marginal`): an effect has to exceed what was declared.
 
 The numbers below decide in a diagnosis: levels of significance, odds, and what counts as identifiable. What they
 achieve, false alarms and correct names on simulated cells, is measured by `benchmark/diagnosis`.
@@ -22,14 +22,13 @@ from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import UnitChanges, noise_left, unit_changes, whiten_by
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.effect_law import TouchState
@@ -110,7 +109,7 @@ class Problem(NamedTuple):
 
     def independent_part(self, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
         """`independent_part` of columns of an effect beside the base model."""
-        return independent_part(self.base, columns, self.least_independent_part, noise)
+        return independent_part(self.base, columns, self.least_independent_part, noise, NOISE_SHARE)
 
     @property
     def least_independent_part(self) -> float:
@@ -214,58 +213,6 @@ def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
     order, drawn = np.random.default_rng(0).permutation(len(which)), np.zeros_like(which)
     drawn[order[which[order]][:_MOST]] = True
     return drawn
-
-
-def orthonormal(columns: Floats) -> Floats:
-    """Orthonormal basis of the space of columns (m, k), (m, ≤ k)."""
-    scale = np.linalg.norm(columns, axis=0)
-    u, values, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    # a direction with less adds no rank
-    return np.asarray(u[:, values > 1e-9])
-
-
-def independent_part(base: Floats, columns: Floats, least: float, noise: Floats | None = None) -> tuple[Floats, float]:
-    """Orthonormal basis of what columns add to a fit, and their largest independent part.
-
-    Args:
-        base: orthonormal basis of the fit's columns, (m, r).
-        columns: of what is added, (m, k).
-        least: part of a unit column that must be independent of the fit.
-        noise: their change by one standard deviation of the noise of the forces, (m, k); None for nothing. A direction
-            of which this makes more than `NOISE_SHARE` does not count.
-
-    Returns:
-        The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
-    """
-    scale = np.linalg.norm(columns, axis=0)
-    nonzero = scale > 0
-    columns = columns[:, nonzero] / scale[nonzero]
-    if not columns.size:
-        return np.empty((len(columns), 0)), 0.0
-    u, values, vt = np.linalg.svd(columns - base @ (base.T @ columns), full_matrices=False)
-    independent = values > least
-    if noise is not None:
-        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
-        independent &= made**2 <= NOISE_SHARE * values**2
-    return u[:, independent], min(1.0, float(values[0]))
-
-
-def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
-    """p-value of "the columns explain nothing", and the part of the sum of squares that they explain; None if they add
-    nothing testable.
-
-    Args:
-        unit: orthonormal basis of what they add to the fit, (m, r).
-        residual: of the fit, (m,).
-        freedoms: degrees of freedom without them.
-        least: mean square that the residual has at least.
-    """
-    rank, total = unit.shape[1], float(residual @ residual)
-    if rank == 0 or freedoms <= rank or total < 1e-8 * len(residual):  # whitened, less is rounding
-        return None
-    explained = float(np.sum((unit.T @ residual) ** 2))
-    ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, 1e-300)
-    return float(special.fdtrc(rank, freedoms - rank, ratio)), explained / total
 
 
 def fitted_effects(calibration: Calibration) -> list[tuple[Effect, Floats, Floats]]:

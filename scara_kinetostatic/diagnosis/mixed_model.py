@@ -57,18 +57,20 @@ from scara_kinetostatic.calibration.result import (
 )
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
-from scara_kinetostatic.diagnosis.restricted_likelihood import (
-    Whitened,
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.undetected import columns_of, typical_size
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.gaussian.linear_model import Projected
+from scara_kinetostatic.gaussian.restricted_likelihood import (
+    at_levels,
     estimate_levels,
     estimate_sizes,
+    inverse_roots,
     penalised,
     posterior,
     size_prior,
     weights_of,
 )
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.undetected import columns_of, typical_size
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
@@ -303,7 +305,7 @@ class _Solved(NamedTuple):
 
     logs: Floats
     levels: Floats
-    inner: Whitened
+    inner: Projected
     group: Indices
     tau: Floats
     lift: Floats
@@ -344,17 +346,19 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     levels = levels if noise_free else np.ones(2)
     logs = start
     for _ in range(6 if noise_free else 1):
-        inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
+        inverse = inverse_roots(of_joints, levels)
+        inner = at_levels(inverse, fitted, columns, residual, trusted)
         logs, variance = estimate_sizes(inner, sizes.group, logs, sizes.freedoms, held=expected)
         weights, before = weights_of(sizes.group, logs), levels
-        levels = estimate_levels(inner, of_joints, levels, weights) if noise_free else levels
+        levels = estimate_levels(inner, inverse, of_joints, levels, weights) if noise_free else levels
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
-    inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
+    inverse = inverse_roots(of_joints, levels)
+    inner = at_levels(inverse, fitted, columns, residual, trusted)
     deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
     l11, _, l22 = c.projection.whitened.root  # of rejected touches, too: of as many densities
     deviance += 2 * np.log(np.abs(np.diag(inner.triangle))).sum()
-    deviance += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
+    deviance += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inverse)).sum()
     more = np.minimum(variance, np.log(_LARGEST_RATIO))
     weights = weights_of(sizes.group, logs + (_OF_EXPECTED if expected else 1.0) * more)
     y, u, covariance = posterior(inner, weights)

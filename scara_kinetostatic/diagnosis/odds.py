@@ -37,6 +37,7 @@ import numpy as np
 from scipy import linalg
 from scipy.linalg import lapack
 
+from scara_kinetostatic.gaussian.linear_model import Projected
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
 UNNAMED = 'unnamed'
@@ -117,14 +118,10 @@ class LinearProblem(NamedTuple):
         cls, fitted: Floats, columns: Floats, residual: Floats, is_declared: Mask, noise_given: bool, constant: float
     ) -> LinearProblem:
         """Of J (rows, b), Z (rows, c + g) and y (rows,); `constant` without that of J."""
-        q, r = np.linalg.qr(fitted)
-        z, y = q.T @ columns, q.T @ residual
-        rest, left = columns - q @ z, residual - q @ y
-        constant += 2 * float(np.log(np.abs(np.diag(r))).sum())
-        freedoms = len(residual) - fitted.shape[1]
-        return cls(
-            rest.T @ rest, rest.T @ left, float(left @ left), freedoms, is_declared, noise_given, constant, r, z, y
-        )
+        p = Projected.of(fitted, np.column_stack([columns, residual]))
+        constant += 2 * float(np.log(np.abs(np.diag(p.triangle))).sum())
+        freedoms, solving = len(residual) - fitted.shape[1], (p.triangle, p.of_columns, p.of_residual)
+        return cls(p.gram, p.projected, p.square, freedoms, is_declared, noise_given, constant, *solving)
 
     def log_likelihood(self, square: Floats, log_determinant: Floats) -> Floats:
         """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""

@@ -28,7 +28,6 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     STRICT_SIGNIFICANCE,
     Problem,
     fitted_effects,
-    orthonormal,
     pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, MixedModel, fit_mixed
@@ -38,6 +37,7 @@ from scara_kinetostatic.diagnosis.result import EffectSet
 from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, weigh
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.gaussian.linear_model import orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G2, P_EE

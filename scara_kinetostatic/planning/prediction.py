@@ -29,7 +29,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED, DeclaredErrors, RandomEffects
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
@@ -44,6 +43,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Column
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise

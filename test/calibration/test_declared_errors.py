@@ -10,7 +10,7 @@ from calibration.studies import EXACT
 from diagnosis.simulated import CELL, PLAN, effect
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal, Prior
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.solver import Termination
@@ -152,13 +152,6 @@ def test_a_trusted_nominal_value_counts_as_measured():
     assert [part.label for part in fit.contributions] == ['noise', 'nominal[l1]']
     assert fit.degrees_of_freedom == fixed.degrees_of_freedom == 2 * len(TOUCHES) - 11
     assert (fixed.prior_cost, fixed['l1'].status) == (0.0, 'fixed')
-
-
-def test_rows_are_whitened_for_unknown_errors():
-    columns, rows = np.random.default_rng(2).standard_normal((9, 3)), np.arange(9.0)
-    m = Marginal.of(columns, 9).apply(np.eye(9))
-    np.testing.assert_allclose(m @ (np.eye(9) + columns @ columns.T) @ m.T, np.eye(9), atol=1e-12)
-    assert Marginal.of(None, 9).apply(rows) is rows
 
 
 def test_a_value_whose_size_is_estimated_as_zero_is_held_without_a_warning():

@@ -19,10 +19,10 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
-from scara_kinetostatic.diagnosis.restricted_likelihood import size_prior
 from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
+from scara_kinetostatic.gaussian.restricted_likelihood import size_prior
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel

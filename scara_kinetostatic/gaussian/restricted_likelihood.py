@@ -1,12 +1,16 @@
-"""Restricted likelihood of the sizes of random effects, and of the noise levels (see `diagnosis.mixed_model`)."""
+"""Restricted likelihood of the sizes of random effects and of two noise levels, by Fisher scoring and by EM steps.
+
+Columns have the prior N(0, τ²), one τ for each group. Fitted columns, which have none, are projected off first.
+
+Source: Patterson and Thompson, Biometrika 58 (1971) 545; Harville, J. Am. Stat. Assoc. 72 (1977) 320.
+"""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
 
+from scara_kinetostatic.gaussian.linear_model import Projected, blocks
 from scara_kinetostatic.model.arrays import Floats, Indices
 
 _LARGEST_STEP = 1.5
@@ -27,59 +31,35 @@ def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
     return float(value.sum()), 2 * more * share - 2, 4 * more * share * (1 - share)
 
 
-class Whitened(NamedTuple):
-    """The problem in the metric of noise levels, projected off J.
-
-    Attributes:
-        inverse: L⁻¹ of each touch with L Lᵀ = V, (n, 2, 2).
-        base: orthonormal basis of J, (2n + p, b).
-        triangle: R of J = base R.
-        columns: projected, (2n + p, c).
-        residual: projected, (2n + p,).
-        gram: inner products of the columns, (c, c).
-        projected: those with the residual, (c,).
-        of_columns: the columns along the basis, (b, c).
-        of_residual: the residual along it, (b,).
-        square: that of the projected residual.
+def inverse_roots(part: Floats, levels: Floats) -> Floats:
+    """L⁻¹ of each measurement, (n, d, d), with L Lᵀ the sum of a part of its variance, (n, d, d), and the rest of the
+    identity, each multiplied by its level.
     """
-
-    inverse: Floats
-    base: Floats
-    triangle: Floats
-    columns: Floats
-    residual: Floats
-    gram: Floats
-    projected: Floats
-    of_columns: Floats
-    of_residual: Floats
-    square: float
-
-    @classmethod
-    def of(
-        cls,
-        of_joints: Floats,
-        levels: Floats,
-        fitted: Floats,
-        columns: Floats,
-        residual: Floats,
-        trusted: tuple[Floats, Floats],
-    ) -> Whitened:
-        """At variances `levels` of joints and force, in those of the fit, with rows of trusted values behind."""
-        inverse = np.linalg.inv(np.linalg.cholesky(levels[0] * of_joints + levels[1] * (np.eye(2) - of_joints)))
-        every = np.concatenate([fitted, columns, residual[:, None]], axis=1)
-        every = (inverse @ every.reshape(len(inverse), 2, -1)).reshape(every.shape)
-        b, c = fitted.shape[1], columns.shape[1]
-        behind = np.zeros((len(trusted[0]), every.shape[1]))
-        behind[:, :b], behind[:, -1] = trusted
-        every = np.concatenate([every, behind])
-        base, triangle = np.linalg.qr(every[:, :b])
-        along = base.T @ every[:, b:]
-        rest = every[:, b:] - base @ along
-        x, y = rest[:, :c], rest[:, c]
-        return cls(inverse, base, triangle, x, y, x.T @ x, x.T @ y, along[:, :c], along[:, c], float(y @ y))
+    return np.linalg.inv(np.linalg.cholesky(levels[0] * part + levels[1] * (np.eye(part.shape[1]) - part)))
 
 
-def penalised(inner: Whitened, weights: Floats) -> tuple[float, Floats, Floats]:
+def at_levels(
+    inverse: Floats, fitted: Floats, columns: Floats, residual: Floats, known: tuple[Floats, Floats]
+) -> Projected:
+    """The problem in the metric of noise levels, with rows of known values and their residuals behind, projected off J.
+
+    Args:
+        inverse: as of `inverse_roots`.
+        fitted: J, (n d, b).
+        columns: with a prior, (n d, c).
+        residual: (n d,).
+        known: rows of the fitted values, (p, b), and residuals, (p,).
+    """
+    every = np.concatenate([fitted, columns, residual[:, None]], axis=1)
+    every = (inverse @ every.reshape(*inverse.shape[:2], -1)).reshape(every.shape)
+    b = fitted.shape[1]
+    behind = np.zeros((len(known[0]), every.shape[1]))
+    behind[:, :b], behind[:, -1] = known
+    every = np.concatenate([every, behind])
+    return Projected.of(every[:, :b], every[:, b:])
+
+
+def penalised(inner: Projected, weights: Floats) -> tuple[float, Floats, Floats]:
     """-2 log restricted likelihood, up to a constant, at sizes of the columns, (c,); the covariance of their values in
     these units, (c, c), and the values less their sign, (c,).
     """
@@ -92,7 +72,7 @@ def penalised(inner: Whitened, weights: Floats) -> tuple[float, Floats, Floats]:
     return float(2 * np.log(np.diag(factor)).sum() + inner.square - h @ effects), inverse, effects
 
 
-def posterior(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
+def posterior(inner: Projected, weights: Floats) -> tuple[Floats, Floats, Floats]:
     """y, u and their covariance at sizes of the columns, (c,)."""
     _, inverse, effects = penalised(inner, weights)
     by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
@@ -108,7 +88,7 @@ def weights_of(group: Indices, logs: Floats) -> Floats:
 
 
 def estimate_sizes(
-    inner: Whitened, group: Indices, start: Floats, freedoms: Floats, *, held: bool = False
+    inner: Projected, group: Indices, start: Floats, freedoms: Floats, *, held: bool = False
 ) -> tuple[Floats, Floats]:
     """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels; `group` of each column.
 
@@ -146,17 +126,17 @@ def estimate_sizes(
     return logs, 2 * np.diag(np.linalg.inv(hessian))  # of -2 log likelihood
 
 
-def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:
-    """The noise variances after one step of expectation and maximisation at given sizes, (2,)."""
-    n = len(of_joints)
+def estimate_levels(inner: Projected, inverse: Floats, part: Floats, levels: Floats, weights: Floats) -> Floats:
+    """The noise levels after one step of expectation and maximisation at given sizes, (2,); as in `inverse_roots`."""
+    n, d = part.shape[:2]
     scaled = inner.columns * weights
     factor = np.linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled)
     rows = np.linalg.solve(factor, scaled.T).T
-    rest = (inner.residual - rows @ (rows.T @ inner.residual))[: 2 * n].reshape(n, 2)
-    taken = np.concatenate([inner.base, rows], axis=1)[: 2 * n].reshape(n, 2, -1)
-    kept = np.eye(2) - taken @ taken.swapaxes(1, 2)
+    rest = (inner.residual - rows @ (rows.T @ inner.residual))[: n * d].reshape(n, d)
+    taken = np.concatenate([inner.base, rows], axis=1)[: n * d].reshape(n, d, -1)
+    kept = np.eye(d) - blocks(taken)
     found = levels.copy()
-    for k, part in enumerate((of_joints, np.eye(2) - of_joints)):
-        whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
+    for k, one in enumerate((part, np.eye(d) - part)):
+        whitened = levels[k] * inverse @ one @ inverse.swapaxes(1, 2)
         found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
     return np.clip(found, 1e-4, 2.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scara_kinetostatic.calibration import least_squares
+from scara_kinetostatic.gaussian import least_squares
 
 
 def system(seed=0, n=40, k=5):

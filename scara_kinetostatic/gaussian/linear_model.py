@@ -1,0 +1,188 @@
+"""Rows of a linear model with errors of variance 1: what is left of them beside others, and what each decides.
+
+With B an orthonormal basis of the fitted columns, the block of a measurement on the diagonal of the hat matrix is
+H = B_k B_kᵀ; with C the covariance of the fit and J its rows, J C Jᵀ. Its larger eigenvalue is the **leverage**: at 1
+no other measurement checks this one. A fit without the measurement would leave (I - H)⁻¹ of its residual.
+
+Columns N of unknown errors e ~ N(0, I) are eliminated by M = (I + N Nᵀ)^(-1/2), columns without a prior by projection.
+
+Source: Cook and Weisberg, Residuals and Influence in Regression (1982), chapter 2.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc, fdtrc, fdtri
+
+from scara_kinetostatic.model.arrays import Floats
+
+_NO_RANK = 1e-9
+"""Part of a unit column below which a direction adds no rank."""
+_LEAST_LEFT = 1e-6
+"""Of I - H; less is that of a measurement which alone determines a value."""
+_TINY = 1e-300
+"""Keeps quotients finite."""
+
+
+class Marginal(NamedTuple):
+    """M = (I + N Nᵀ)^(-1/2): whitened rows, once more whitened for what unknown errors add to their covariance.
+
+    Attributes:
+        basis: orthonormal basis of the columns of N, (m, r).
+        shrink: eigenvalues of M in it less 1, (r,).
+    """
+
+    basis: Floats
+    shrink: Floats
+
+    @classmethod
+    def of(cls, columns: Floats | None, rows: int) -> Marginal:
+        """M of N, (m, k), in units of the standard uncertainties; the identity where N is None."""
+        if columns is None or not columns.shape[1]:
+            return cls(np.zeros((rows, 0)), np.zeros(0))
+        basis, singular, _ = np.linalg.svd(columns, full_matrices=False)
+        return cls(basis, 1 / np.sqrt(1 + singular**2) - 1)
+
+    def apply(self, rows: Floats) -> Floats:
+        """M times a vector (m,) or columns (m, k)."""
+        if not self.shrink.size:
+            return rows
+        return np.asarray(rows + (self.basis * self.shrink) @ (self.basis.T @ rows))
+
+
+class Projected(NamedTuple):
+    """Columns and a residual less their projections on fitted columns J = Q R, which have no prior.
+
+    Attributes:
+        base: Q, (m, b).
+        triangle: R, (b, b).
+        columns: what is left of the columns, (m, c).
+        residual: what is left of the residual, (m,).
+        gram: inner products of these columns, (c, c).
+        projected: those with the residual, (c,).
+        of_columns: the columns along Q, (b, c).
+        of_residual: the residual along it, (b,).
+        square: that of what is left of the residual.
+    """
+
+    base: Floats
+    triangle: Floats
+    columns: Floats
+    residual: Floats
+    gram: Floats
+    projected: Floats
+    of_columns: Floats
+    of_residual: Floats
+    square: float
+
+    @classmethod
+    def of(cls, fitted: Floats, beside: Floats) -> Projected:
+        """Of J, (m, b), and columns with the residual as the last, (m, c + 1)."""
+        base, triangle = np.linalg.qr(fitted)
+        along = base.T @ beside
+        rest, c = beside - base @ along, beside.shape[1] - 1
+        x, y = rest[:, :c], rest[:, c]
+        return cls(base, triangle, x, y, x.T @ x, x.T @ y, along[:, :c], along[:, c], float(y @ y))
+
+
+def orthonormal(columns: Floats) -> Floats:
+    """Orthonormal basis of the space of columns (m, k), (m, ≤ k)."""
+    scale = np.linalg.norm(columns, axis=0)
+    u, values, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
+    return np.asarray(u[:, values > _NO_RANK])
+
+
+def independent_part(
+    base: Floats, columns: Floats, least: float, noise: Floats | None = None, most_noise: float = 1.0
+) -> tuple[Floats, float]:
+    """Orthonormal basis of what columns add to a fit, and their largest independent part.
+
+    Args:
+        base: orthonormal basis of the fit's columns, (m, r).
+        columns: of what is added, (m, k).
+        least: part of a unit column that must be independent of the fit.
+        noise: their change by one standard deviation of the noise of what they depend on, (m, k); None for nothing.
+        most_noise: share of its square up to which a direction may be made by that.
+
+    Returns:
+        The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    nonzero = scale > 0
+    columns = columns[:, nonzero] / scale[nonzero]
+    if not columns.size:
+        return np.empty((len(columns), 0)), 0.0
+    u, values, vt = np.linalg.svd(columns - base @ (base.T @ columns), full_matrices=False)
+    independent = values > least
+    if noise is not None:
+        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
+        independent &= made**2 <= most_noise * values**2
+    return u[:, independent], min(1.0, float(values[0]))
+
+
+def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
+    """p-value of "the columns explain nothing", and the part of the sum of squares that they explain; None if they add
+    nothing testable.
+
+    Args:
+        unit: orthonormal basis of what they add to the fit, (m, r).
+        residual: of the fit, (m,).
+        freedoms: degrees of freedom without them.
+        least: mean square that the residual has at least.
+    """
+    rank, total = unit.shape[1], float(residual @ residual)
+    if rank == 0 or freedoms <= rank or total < 1e-8 * len(residual):  # whitened, less is rounding
+        return None
+    explained = float(np.sum((unit.T @ residual) ** 2))
+    ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, _TINY)
+    return float(fdtrc(rank, freedoms - rank, ratio)), explained / total
+
+
+def p_values(chi_square: Floats | float, freedoms: int, noise_freedoms: float) -> Floats:
+    """Probability of a larger chi-square by chance.
+
+    Args:
+        chi_square: one or several, any shape.
+        freedoms: degrees of freedom of each; without any, 1 is returned.
+        noise_freedoms: those of the noise; infinite where it is known, and the F distribution takes the place of χ².
+    """
+    if not freedoms:
+        return np.ones(np.shape(chi_square))
+    if np.isinf(noise_freedoms):
+        return np.asarray(chdtrc(freedoms, chi_square))
+    return np.asarray(fdtrc(freedoms, noise_freedoms, np.asarray(chi_square) / freedoms))
+
+
+def as_rare(chi_square: float, freedoms: int, noise_freedoms: float) -> float:
+    """What is exceeded as rarely as a chi-square where the noise is known; `noise_freedoms` as in `p_values`."""
+    if np.isinf(noise_freedoms):
+        return chi_square
+    return float(freedoms * fdtri(freedoms, noise_freedoms, 1.0 - chdtrc(freedoms, chi_square)))
+
+
+def blocks(rows: Floats, covariance: Floats | None = None) -> Floats:
+    """J C Jᵀ of each measurement, (…, n, d, d), of rows (n, d, k) and a covariance (…, k, k); None for the identity."""
+    moved = rows
+    if covariance is not None:
+        flat = rows.reshape(-1, rows.shape[-1]) @ covariance
+        moved = flat.reshape(*flat.shape[:-2], *rows.shape)
+    return np.asarray(moved @ rows.swapaxes(-1, -2))
+
+
+def leverage(rows: Floats, covariance: Floats | None = None) -> Floats:
+    """Leverage of each measurement, (n,); `rows` and `covariance` as of `blocks`, or an orthonormal basis and None."""
+    return np.asarray(np.linalg.eigvalsh(blocks(rows, covariance))[:, -1])
+
+
+def left_out(basis: Floats, residual: Floats) -> Floats:
+    """Residuals (n, d), each as a fit without that measurement would leave it.
+
+    Args:
+        basis: orthonormal, of the fitted columns, (n, d, k).
+        residual: of the fit, (n, d).
+    """
+    values, vectors = np.linalg.eigh(np.eye(residual.shape[1]) - blocks(basis))
+    turned = (residual[:, None] @ vectors)[:, 0] / np.maximum(values, _LEAST_LEFT)
+    return np.asarray((vectors @ turned[..., None])[..., 0])
