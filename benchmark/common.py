@@ -25,7 +25,7 @@ from scara_kinetostatic.model.cell import OBJECT_POSITION, PAPER_DISCS, Cell, Ef
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.simulation.slides import Circle
+from scara_kinetostatic.simulation.plan import Circle
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)

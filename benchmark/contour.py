@@ -35,8 +35,7 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
+from scara_kinetostatic.simulation.plan import Circle, Slide, default_plan, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, recorded, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams

@@ -18,9 +18,17 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.simulation.motion import CellState, Motion, minimum_jerk
-from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, Settings
-from scara_kinetostatic.simulation.slides import Circle, Slide, SlidePhase, SlideTiming, Track, slow_errors
+from scara_kinetostatic.simulation.motion import (
+    CellState,
+    Motion,
+    SlidePhase,
+    SlideTiming,
+    TipPath,
+    minimum_jerk,
+    slow_errors,
+)
+from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Hardware, Scene
+from scara_kinetostatic.simulation.plan import Circle, Slide
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
@@ -79,7 +87,7 @@ class SlideController:
 
     def __init__(self, scene: Scene, cell: Cell, slide: Slide) -> None:
         self.scene, self.cell, self.slide, self.timing = scene, cell, slide, SlideTiming()
-        self._track = Track(slide.outline, cell.tip_radius or 0.0)
+        self._track = TipPath(slide.outline, cell.tip_radius or 0.0)
         self._travelled = slide.begin * self._track.length
         self._depth, self._lift, self._force = -self.timing.clearance, 0.0, 0.0
         item: Disc | Outline | Circle = slide.outline
@@ -93,7 +101,7 @@ class SlideController:
         """The object is as hard as steel, not as the engine makes it, and the damping is small: see `Engine`."""
         model = self.engine.model
         objects, ball = model.geom_contype > 0, model.geom('ball').bodyid[0]
-        stiffness = Settings.sliding_stiffness * model.body_invweight0[ball, 0] * (1.0 - IMPEDANCE)
+        stiffness = Hardware.sliding_stiffness * model.body_invweight0[ball, 0] * (1.0 - IMPEDANCE)
         model.geom_solref[objects] = (-stiffness, -DAMPING_TIME * stiffness)
         model.geom_solimp[objects, :2] = IMPEDANCE
 

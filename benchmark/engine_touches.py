@@ -7,8 +7,8 @@ import numpy as np
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.motion import Phase
+from scara_kinetostatic.simulation.mujoco import SimulatedMotion, TouchController, as_sensed
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, as_sensed
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.touches.load_history import last_movement

@@ -32,8 +32,7 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import (
+from scara_kinetostatic.simulation.mujoco import (
     SimulatedMotion,
     TouchController,
     as_streams,
@@ -41,6 +40,7 @@ from scara_kinetostatic.simulation.mujoco.streams import (
     expected_parameters,
     preload_plan,
 )
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects

@@ -16,8 +16,8 @@ import numpy as np
 from benchmark.common import CELL
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.simulation.mujoco import TouchController, preload_plan
 from scara_kinetostatic.simulation.mujoco.engine import Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import TouchController, preload_plan
 from scara_kinetostatic.simulation.plan import Plan
 
 

@@ -33,13 +33,17 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.nodes.demo import free_domain
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import gather_touches
-from scara_kinetostatic.simulation.commanded import DEMO_CELL, Fault
+from scara_kinetostatic.simulation.commanded import DEMO_CELL, Malfunction
 
 CELL = replace(DEMO_CELL, lift=None, tolerance=None, hold={'joint4': 0.0})
 PHASES = ('travel', 'approach', 'press')
 KILL, SECOND = 'kill', 'second_publisher'
-FAULTS = (*(fault.value for fault in Fault if fault not in (Fault.NONE, Fault.LIFT_STUCK)), SECOND, KILL)
-BY_COMMAND = (Fault.SILENT_JOINTS.value, Fault.MOVED.value)
+FAULTS = (
+    *(fault.value for fault in Malfunction if fault not in (Malfunction.NONE, Malfunction.LIFT_STUCK)),
+    SECOND,
+    KILL,
+)
+BY_COMMAND = (Malfunction.SILENT_JOINTS.value, Malfunction.MOVED.value)
 STANDS = 2e-3
 """A joint that turns more slowly stands, rad/s."""
 

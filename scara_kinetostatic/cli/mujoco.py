@@ -46,8 +46,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
-    from scara_kinetostatic.simulation.mujoco import scene_named, simulate_streams
-    from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene
+    from scara_kinetostatic.simulation.mujoco import preload_plan, scene_named, simulate_streams, truth_of_scene
     from scara_kinetostatic.simulation.truth import dump, truth_named
 
     cell = cell_or_paper(args.cell)

@@ -245,6 +245,11 @@ class SensorSign(str, Enum):
     ON_OBJECT = 'on_object'
     ON_ROBOT = 'on_robot'
 
+    @property
+    def factor(self) -> float:
+        """Of a reading, by which it is the force on the object: 1 or -1."""
+        return -1.0 if self is SensorSign.ON_ROBOT else 1.0
+
 
 class Disc(NamedTuple):
     """A calibration object.

@@ -39,6 +39,8 @@ LEVEL = (0.0, 0.0)
 """Gravity in the plane of an arm that does not stand upright."""
 MOST_GRAVITY = 25.0
 """m/s², about that of Jupiter: no arm has to hold more."""
+MILLI, MICRO, NANO = 1e-3, 1e-6, 1e-9
+"""Of a unit."""
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 
 

@@ -39,7 +39,6 @@ from trajectory_msgs.msg import JointTrajectory
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError, one_line
 from scara_kinetostatic.model.arm import CalibratedArm, JointAngles
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, check_free
@@ -127,8 +126,7 @@ class Compensator(CellNode):
 
     def _take_wrench(self, message: bytes) -> None:
         for sample in self._streams.samples(Stream.WRENCH, message):
-            sign = -1.0 if self._cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-            x, y = sample.first, sample.second
+            sign, x, y = self._cell.sensor.sign.factor, sample.first, sample.second
             if self._cell.sensor.tool_weight and self._joints is not None:
                 x, y = ((x, y) - self._cell.tool_pull(np.array(self._joints[:2]))).tolist()
             self._forces.append((sign * x, sign * y, monotonic()))

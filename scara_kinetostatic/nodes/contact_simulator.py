@@ -32,12 +32,10 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.commanded import Body, Malfunction, ModelBody, Plant, PlantSettings
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
-from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import load_plan
-from scara_kinetostatic.simulation.slides import Slide
+from scara_kinetostatic.simulation.plan import Plan, Slide, default_plan, load_plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
@@ -261,7 +259,7 @@ class ContactSimulator(CellNode):
 
     def _set_fault(self, plant: Plant) -> None:
         """The fault as the parameter has it now; says an overload once."""
-        plant.fault = Fault(self.value('fault'))
+        plant.fault = Malfunction(self.value('fault'))
         plant.scaling = self.value('scaling')
         plant.active = self.value('active')
         if plant.stopped != self._stopped:

@@ -19,7 +19,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.planner import PlannedTouches, Planner
-from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
+from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 CONTACT = 0.1
 """Force at which an approach ends, as a part of the force of the touch."""

@@ -20,7 +20,7 @@ from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verd
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import MICRO, SERIES, WARN
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
-from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
+from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 _WIDTH = 920.0
 _ABOUT_TOUCHES = (

@@ -28,7 +28,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Lift, Region, SensorSign, SizeMode, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Lift, Region, SizeMode, Uncertainty
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
@@ -36,21 +36,25 @@ from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.motion import Robot
-from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
+from scara_kinetostatic.simulation.plan import ROUNDING, check_numbers
+from scara_kinetostatic.simulation.streams import SensorModel, reported_force
 from scara_kinetostatic.touches.load_history import last_movement
 
 FULL = 10.0
 """Force from which on the error of a touch has its full size, N."""
 RAISED = 0.9
 """Part of its way from which on the lift is over all objects."""
-COMMANDED_SENSORS = SensorModel(joint_rate=250.0, wrench_rate=250.0, jitter=0.0, offset=0.0)
-"""As usual, but both at 250 Hz."""
+_USUAL_LIMITS = ((-2.6, 2.6),) * 2
+"""Of the joints where a cell has none, rad."""
+_RATE = 250.0
+"""Samples per second."""
+COMMANDED_SENSORS = SensorModel(joint_rate=_RATE, wrench_rate=_RATE, jitter=0.0, offset=0.0)
+"""As usual, but both at one rate."""
 
 
 DEMO_CELL = replace(
     PAPER_CELL,
-    limits=((-2.6, 2.6), (-2.6, 2.6)),
+    limits=_USUAL_LIMITS,
     lift=Lift('joint3', up=0.02, down=0.0),
     tolerance=3e-5,
     region=Region(-0.35, 0.35, 0.2, 0.55),
@@ -151,7 +155,7 @@ class ModelBody:
     def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
         """The equilibrium at motor angles, next to that of the step before."""
         raised = lift > RAISED
-        if raised == self._raised and max(abs(a - b) for a, b in zip(joints, self.joints, strict=True)) < 1e-9:
+        if raised == self._raised and max(abs(a - b) for a, b in zip(joints, self.joints, strict=True)) < ROUNDING:
             return
         self.joints, self._raised, self._time = joints, raised, time
         self._path.append(joints)
@@ -214,7 +218,7 @@ def free_pose(cell: Cell) -> tuple[float, float]:
         UnsupportedDataError: there are none.
     """
     body, middle = ModelBody(cell, cell.nominal), cell.centers.mean(axis=0)
-    limits = np.array(cell.limits or [(-2.6, 2.6)] * 2)
+    limits = np.array(cell.limits or _USUAL_LIMITS)
     center = limits.mean(axis=1, keepdims=True)
     limits = np.clip(limits, center - np.pi, center + np.pi)  # the turn in which touches are planned
     q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[6:-6] for low, high in limits))
@@ -225,7 +229,11 @@ def free_pose(cell: Cell) -> tuple[float, float]:
     raise UnsupportedDataError('the simulated robot has no room to stand in', 'give a start')
 
 
-class Fault(str, Enum):
+_FREE_FORCE = 30.0
+"""N."""
+
+
+class Malfunction(str, Enum):
     """What can go wrong in the cell."""
 
     NONE = ''
@@ -238,7 +246,7 @@ class Fault(str, Enum):
     HELD_MOVES = 'held_moves'
     """A held joint creeps off."""
     FREE_FORCE = 'free_force'
-    """The sensor reads 30 N more."""
+    """The sensor reads `_FREE_FORCE` more."""
     SILENT_JOINTS = 'silent_joints'
     """No joint states."""
     SILENT_WRENCH = 'silent_wrench'
@@ -340,10 +348,9 @@ class Plant:
         self.scaling, self.active, self._elapsed = 1.0, True, 0.0
         self._stop()
         self._overload = self._most = s.overload or 2.0 * cell.touch.max_force
-        self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Fault.NONE
-        self._noise = sensors.touch_noise or cell.noise or TYPICAL_NOISE
+        self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Malfunction.NONE
         # of joints and force, in standard deviations
-        self._error, self._next = self._random.standard_normal((2, 4))
+        self._error, self._next = self._random.standard_normal((2, 2, 2))
         self._touching = False
         self._delayed: deque[Reading] = deque()
         body.begin((start[0], start[1]), self._raised)
@@ -405,12 +412,12 @@ class Plant:
             raise ParameterError(where, f'expected {len(names)} positions in each point')
         if not all(isfinite(value) for row in positions for value in row):
             raise ParameterError(where, 'a position is not a finite number')
-        if any(not before < after for before, after in zip([-1e-9, *times], times, strict=False)):
+        if any(not before < after for before, after in zip([-ROUNDING, *times], times, strict=False)):
             raise ParameterError(where, 'expected time_from_start to grow from point to point')
         points = self._ordered(names, positions)
         for row in points:
             for name, value, (low, high) in zip(self.names, row, self._limits, strict=True):
-                if not low - 1e-9 <= value <= high + 1e-9:
+                if not low - ROUNDING <= value <= high + ROUNDING:
                     raise ParameterError(where, f'{name} at {value:.4g} is beyond its limits {low:g} to {high:g}')
         return points
 
@@ -424,7 +431,7 @@ class Plant:
         for part in range(count):
             self._advance((time - self.time) / (count - part))
         reading = self._read()
-        if self.fault is not Fault.LATE:
+        if self.fault is not Malfunction.LATE:
             self._delayed.clear()
             return reading
         self._delayed.append(reading)
@@ -445,7 +452,7 @@ class Plant:
             self.stopped = f'{force:.0f} N on {self.body.touched}, more than {self._overload:g} N'
             self._stop()
         if self._touching and not touching:
-            self._next = self._random.standard_normal(4)
+            self._next = self._random.standard_normal((2, 2))
         self._touching = touching
         if not touching:  # within some tenths of a second of free motion the error is that of the next touch
             self._error = self._error + (1.0 - exp(-duration / 0.1)) * (self._next - self._error)
@@ -454,12 +461,16 @@ class Plant:
         """The drives go on, each joint towards its setpoint, the setpoint towards the motion."""
         follow = 1.0 - exp(-duration / self.settings.lag) if self.settings.lag else 1.0
         moves, most = np.full(len(self.names), not self.stopped), self._speeds * duration
-        joints: dict[Fault, int | slice] = {Fault.DOES_NOT_FOLLOW: slice(None), Fault.MOVED: 0, Fault.HELD_MOVES: -1}
+        joints: dict[Malfunction, int | slice] = {
+            Malfunction.DOES_NOT_FOLLOW: slice(None),
+            Malfunction.MOVED: 0,
+            Malfunction.HELD_MOVES: -1,
+        }
         if self.cell.lift:
-            joints[Fault.LIFT_STUCK] = 2
+            joints[Malfunction.LIFT_STUCK] = 2
         if self.fault in joints:
             moves[joints[self.fault]] = False
-        if self.fault in (Fault.MOVED, Fault.HELD_MOVES):
+        if self.fault in (Malfunction.MOVED, Malfunction.HELD_MOVES):
             self._position[joints[self.fault]] += 0.05 * duration  # rad/s or m/s
         self._setpoint += moves * np.clip(self._wanted() - self._setpoint, -most, most)
         self._position += moves * follow * (self._setpoint - self._position)
@@ -482,29 +493,28 @@ class Plant:
         return np.asarray(points[k - 1] + cubic[0] * step + cubic[1] * u + cubic[2] * w)
 
     def _read(self) -> Reading:
-        s, body, noise = self.sensors, self.body, self._random.standard_normal(4)
+        s, body, white = self.sensors, self.body, self._random.standard_normal((2, 2))
         joints: tuple[float, ...] | None = None
-        if self.fault is not Fault.SILENT_JOINTS:
-            angles = body.joints + (np.array(self._noise.joint_levels) * self._error[:2] + s.joint_noise * noise[:2])
-            read = np.append(self.cell.readings(angles), self._position[2:])
-            joints = tuple((np.round(read / s.resolution) * s.resolution if s.resolution else read).tolist())
         wrench: tuple[float, float] | None = None
-        if self.fault is not Fault.SILENT_WRENCH:
-            x, y = (self._sensed() + s.bias + s.force_noise * noise[2:]).tolist()
+        error, force = self._sensed()
+        if self.fault is not Malfunction.SILENT_JOINTS:
+            angles = self.cell.readings(body.joints + error + s.joint_noise * white[0])
+            joints = tuple(s.stepped(np.append(angles, self._position[2:])).tolist())
+        if self.fault is not Malfunction.SILENT_WRENCH:
+            x, y = s.forces(self.cell.sensor.sign, force, white[1]).tolist()
             wrench = x, y
         return Reading(self.time, joints, wrench, body.force, body.touched)
 
     def zero(self) -> None:
         """Takes the present force as zero, as the driver of a force sensor does when asked."""
-        x, y = (-self._sensed()).tolist()
+        x, y = (-self.cell.sensor.sign.factor * self._sensed()[1]).tolist()
         self.sensors = replace(self.sensors, bias=(x, y))
 
-    def _sensed(self) -> Floats:
-        """The force with the error of the touch, in the frame of the sensor and with its sign, (2,), N."""
-        size, force = hypot(*self.body.force), np.zeros(2)
-        if self.body.touched:
-            share = min(size / FULL, 1.0)
-            levels = np.hypot(share * np.array(self._noise.force_levels), self._noise.growth * size)
-            force = self.body.sensed(share) + levels * self._error[2:]
-        force[0] += 30.0 * (self.fault is Fault.FREE_FORCE)
-        return -force if self.cell.sensor.sign is SensorSign.ON_ROBOT else force
+    def _sensed(self) -> tuple[Floats, Floats]:
+        """Error of the joint angles, rad, and the force with that of the touch in the sensor's frame, N, (2,) each."""
+        true = np.array([self.body.force])
+        share = min(hypot(*self.body.force) / FULL, 1.0)
+        errors = self.sensors.touch_errors(self.cell, self._error[:, None], true, share=np.array([share]))
+        force = self.body.sensed(share) + errors[1][0] if self.body.touched else np.zeros(2)
+        force[0] += _FREE_FORCE * (self.fault is Malfunction.FREE_FORCE)
+        return errors[0][0], force

@@ -1,4 +1,4 @@
-"""The motion of a simulated robot from contact to contact, and that through the touches of a plan.
+"""The motion of a simulated robot from contact to contact: through touches, and along outlines.
 
 Between contacts the arm travels straight in joint space (`Course`), with its third axis lifted, so that the tip may
 pass over the discs without force. A touch (`Trajectory`) runs through eight phases (`Phase`). It comes from the free
@@ -17,6 +17,15 @@ unloading and the free motion between touches; see `load_history`.
 **Where the tip is.** S = S_planned + u n + v t, n inward. With d what the effects on the object add and n_F the
 direction of the force, (11) is w = (r - u) n - v t, w = r n_F + d; on a straight edge w = (r - u) n. v, by which the
 rigid tip comes to its line, and n_F, which turns with w, are found by fixed-point iteration.
+
+**Slides.** The outline consists of straight edges and arcs, or is a circle. The object is on the left of the direction
+of travel along it, the tip slides on the right: a closed outline is counter-clockwise. The centre of the tip is on the
+outline grown by the tip's radius (`model.outline`): at a sharp corner the surface stays while the normal turns, so that
+the centre moves on an arc around the corner.
+
+The repeatability of a touch (`cell.noise`) is here an error of the same size that changes slowly along the slide
+(`SlideTiming.variation_time`); its force part grows and falls with the force, as in a touch. White noise, zero, frame,
+sign, resolution and stamps are those of `SensorModel`.
 """
 
 from __future__ import annotations
@@ -28,17 +37,18 @@ from typing import NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.kinematics import forward, wrap
+from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Equilibrium, Force, Law, joints_under_load
 from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
-from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
+from scara_kinetostatic.simulation.plan import CLEARANCE, Circle, Plan, Slide, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
 
 Robot: TypeAlias = ExtendedModel | Parameters
@@ -114,6 +124,8 @@ def load_histories(
     return found.reshape(len(holds), 3, -1, 4).swapaxes(0, 1)
 
 
+HOME = (0.25, -0.15)
+"""Of the joints, from the nearest contact, rad."""
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
 _MOST_DEPTH = 0.02
@@ -210,7 +222,7 @@ class Course:
     """
 
     def __init__(self, ends: Floats, durations: Floats, travel: float, speed: float = 4.0) -> None:
-        home = ends[[0, -1], [0, 1]] + (0.25, -0.15)
+        home = ends[[0, -1], [0, 1]] + HOME
         self._ways = np.concatenate([home[:1], ends.reshape(-1, 2), home[1:]]).reshape(-1, 2, 2)
         travels = np.maximum(travel, np.abs(np.diff(self._ways, axis=1)).max(axis=(1, 2)) / speed)
         spans = np.append(np.column_stack([travels[:-1], durations]), travels[-1])
@@ -396,3 +408,221 @@ class Trajectory(Motion):
         """The same joint angles within half a turn of the hold."""
         hold = self.hold_joints[touch]
         return np.asarray(hold + wrap(joints - hold))
+
+
+class TipPath:
+    """The path of the tip's centre along an outline.
+
+    Args:
+        outline: of the surface; anything with `surfaces` and `is_closed`, as `Circle` has them.
+        tip_radius: m.
+
+    Attributes:
+        length: of the whole path, m.
+
+    Raises:
+        ParameterError: an inner corner is narrower than the tip.
+    """
+
+    def __init__(self, outline: Outline | Circle, tip_radius: float) -> None:
+        self._is_closed = outline.is_closed
+        s = surfaces_of([outline], tip_radius) if isinstance(outline, Outline) else outline.surfaces(tip_radius)
+        if len(s.inner_corners[0]):
+            raise ParameterError(
+                'outline', 'an inner corner is narrower than the tip', f'round it by {tip_radius:g} m or more'
+            )
+        self._ends = np.cumsum(2 * s.halves * np.where(s.is_edge, 1.0, np.abs(s.radii)))
+        self._surfaces, self.length = s, float(self._ends[-1])
+
+    def at(self, travelled: Floats) -> tuple[Floats, Floats]:
+        """Centre of the tip, m, and outward normal of the surface, (k, 2) each, after lengths of the path, (k,), m.
+
+        A closed outline goes on behind its end.
+        """
+        along = np.mod(travelled, self.length) if self._is_closed else np.clip(travelled, 0.0, self.length)
+        row = np.minimum(np.searchsorted(self._ends, along, side='right'), len(self._ends) - 1)
+        begin = np.append(0.0, self._ends)[row]
+        part = 2.0 * (along - begin) / np.maximum(self._ends[row] - begin, 1e-12) - 1.0
+        return self._surfaces.select(row).at(part)
+
+
+@dataclass(frozen=True)
+class SlideTiming:
+    """Durations of the parts of a slide, s, and the behaviour of the force controller.
+
+    Attributes:
+        travel: between two slides.
+        pause: at rest, free, before the approach and after the retraction.
+        approach: from the free pose to the object, and back.
+        press: from no force to the normal force, and back.
+        stick: from no tangential force to that of sliding, while the tip stands, and back.
+        start: from rest to the speed, and back.
+        clearance: distance of the free pose from the object, m.
+        force_variation: standard deviation of the normal force that the controller holds, relative.
+        variation_time: time over which this deviation and the errors of the sensors change, s.
+    """
+
+    travel: float = 1.5
+    pause: float = 0.4
+    approach: float = 0.4
+    press: float = 0.3
+    stick: float = 0.15
+    start: float = 0.2
+    clearance: float = 0.01
+    force_variation: float = 0.02
+    variation_time: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_numbers('timing', self, zero=('force_variation',))
+
+
+SlidePhase = IntEnum('SlidePhase', 'TRAVEL PAUSE APPROACH PRESS STICK SLIDE STOP RELEASE RETRACT REST', start=0)
+"""Of a slide."""
+CROSSING = 2e-3
+"""Lever arm of the force within which a joint crosses its backlash, m."""
+
+
+class SlidingMotion(Motion):
+    """The motion through several slides.
+
+    Args:
+        cell: sign of the gripper's law; its tip has the tip's radius.
+        truth: the simulated robot, with its effects.
+        slides: one after the other.
+        timing: how long the phases last.
+        seed: of the variation of the normal force.
+
+    Attributes:
+        knots: start of every phase, (m, 10), s.
+        tip_radius: m; 0 where the cell does not state it.
+
+    Raises:
+        UnsupportedDataError: there is no slide, or the simulated robot does not reach one.
+        ParameterError: an outline is too narrow for the tip.
+    """
+
+    def __init__(
+        self, cell: Cell, truth: Robot, slides: tuple[Slide, ...], timing: SlideTiming | None = None, seed: int = 0
+    ) -> None:
+        if not slides:
+            raise UnsupportedDataError('there is no slide', 'plan at least one')
+        self.cell, self.model, self.slides, self.count = cell, as_model(truth), slides, len(slides)
+        t = self.timing = timing or SlideTiming()
+        self.tip_radius = cell.tip_radius or 0.0
+        self._tracks = [TipPath(slide.outline, self.tip_radius) for slide in slides]
+        random = np.random.default_rng([seed, 2])
+        self._variation = [SlowNoise(random, 1, t.variation_time) for _ in slides]
+        self._paths = [self._path(number) for number in range(len(slides))]
+        ends, durations = [], []
+        for number, (slide, track) in enumerate(zip(slides, self._tracks, strict=True)):
+            travelled = np.array([slide.begin, slide.end]) * track.length
+            center, normal = track.at(travelled)
+            ends.append(self._joints(number, travelled, center + t.clearance * normal, -FIRST_FORCE * normal))
+            sliding = abs(slide.end - slide.begin) * track.length / slide.speed + t.start
+            durations.append((t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause))
+        self._course = Course(np.array(ends), np.array(durations), t.travel)
+        self.knots, self.duration = self._course.knots, self._course.duration
+
+    def state_at(self, time: ArrayLike) -> CellState:
+        """The state at times in s since the start, (k,); before it and past the end the arm rests."""
+        at, time = self._course.at(time), np.asarray(time, dtype=float)
+        joints, force, slide = at.joints, np.zeros((len(time), 2)), at.contact.clip(max=self.count - 1)
+        for number in range(self.count):
+            here = np.flatnonzero((slide == number) & (at.phase != SlidePhase.TRAVEL))
+            joints[here], force[here] = self._contact_at(number, at.select(here), time[here])
+        relative_force = np.minimum(np.hypot(*force.T) / np.array([each.force for each in self.slides])[slide], 1.0)
+        return CellState(joints, force, slide, at.phase, at.progress, relative_force)
+
+    def errors_at(self, time: Floats, state: CellState, seed: int) -> Floats:
+        """Errors of joint angles and force at k moments, in standard deviations, (2, k, 2): they change slowly."""
+        return slow_errors(time, self.timing.variation_time, seed)
+
+    def _contact_at(self, number: int, at: Moments, time: Floats) -> tuple[Floats, Floats]:
+        """Joint angles, rad, and force, N, at moments and times within a slide, (k, 2) each.
+
+        The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
+        F = N (-n + μ τ t); 0+ along -n in the free motion.
+        """
+        slide, track, t = self.slides[number], self._tracks[number], self.timing
+        begin, end = self.knots[number, [SlidePhase.SLIDE, SlidePhase.STOP]]
+        sense = np.sign(slide.end - slide.begin)
+        distance = _distance(np.clip(time - begin, 0.0, None), end - begin, slide.speed, t.start)
+        travelled = slide.begin * track.length + sense * distance
+        center, normal = track.at(travelled)
+        steady = at.part(SlidePhase.STICK) - at.part(SlidePhase.STOP)
+        variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
+        clearance = t.clearance * (1.0 - at.part(SlidePhase.APPROACH) + at.part(SlidePhase.RETRACT))
+        pressed = at.part(SlidePhase.PRESS) - at.part(SlidePhase.RELEASE)
+        normal_force = slide.force * pressed * (1.0 + steady * variation)
+        friction = (slide.friction * steady)[:, None] * (sense * quarter_turn(normal))
+        force = np.maximum(normal_force, FIRST_FORCE)[:, None] * (friction - normal)
+        joints = self._joints(number, travelled, center + clearance[:, None] * normal, force)
+        return joints, np.where(normal_force[:, None] > 0, force, 0.0)
+
+    def _joints(self, number: int, travelled: Floats, tip: Floats, force: Floats) -> Floats:
+        """Joint angles of a slide for places of the tip and forces, (k, 2), rad, near the path of the slide."""
+        places, path = self._paths[number]
+        near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
+        return np.asarray(near + wrap(self._poses(number, tip, force) - near))
+
+    def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
+        p, posture = self.model.parameters, self.slides[number].posture
+        joints, torques = inverse_kinetostatics(
+            self.model, tip, force, np.full(len(tip), posture), self.cell.gripper_sign
+        )
+        arm = torques / np.hypot(*force.T)[:, None]
+        return np.asarray(joints + (p.g1, p.g2) * (np.clip(arm / CROSSING, -1.0, 1.0) - np.sign(torques)))
+
+    def _path(self, number: int) -> tuple[Floats, Floats]:
+        """Lengths travelled, increasing, and the joint angles there, without a jump of a turn."""
+        slide, track = self.slides[number], self._tracks[number]
+        travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), 721) * track.length
+        center, normal = track.at(travelled)
+        tips = center, center + self.timing.clearance * normal
+        poses = [self._poses(number, tip, -slide.force * normal) for tip in tips]
+        lost = ~self.cell.can_take(np.array(poses)).all(axis=0)
+        if lost.any():
+            x, y = center[lost][0]
+            problem = f'slide {number}: the simulated robot does not reach it around ({x:.3f}, {y:.3f}) m'
+            remedy = 'place the object elsewhere, slide along a part of it, or correct robot.limits'
+            raise UnsupportedDataError(problem, remedy)
+        path = np.unwrap(poses[0], axis=0)
+        if np.abs(np.diff(path, axis=0)).max() > 0.5:
+            raise ParameterError(f'slide {number}', 'it passes a stretched or folded arm', 'place the object elsewhere')
+        return travelled, path
+
+
+def _distance(time: Floats, span: float, speed: float, start: float) -> Floats:
+    """Distance after a time of a motion of constant speed that starts and stops with constant acceleration, (k,), m."""
+    start = min(start, span / 2)
+    time = np.minimum(time, span)
+    rest = span - time
+    gone = np.where(time < start, time**2 / (2 * start), time - start / 2)
+    return np.asarray(speed * np.where(rest < start, span - start - rest**2 / (2 * start), gone))
+
+
+class SlowNoise:
+    """Random numbers of variance 1 that change slowly with time: normal, with the correlation exp(-t²/(2 T²)).
+
+    Args:
+        random: source.
+        columns: independent ones.
+        duration: T, s.
+    """
+
+    def __init__(self, random: np.random.Generator, columns: int, duration: float) -> None:
+        waves = 48  # of which they are made
+        shape = waves, columns
+        self._frequency = random.standard_normal(shape) / duration
+        self._phase = random.uniform(0, 2 * np.pi, shape)
+        self._size = random.rayleigh(1.0, shape) / np.sqrt(waves)
+
+    def at(self, time: Floats) -> Floats:
+        """Their values at times in s, (k, columns)."""
+        waves = np.cos(time[:, None, None] * self._frequency + self._phase)
+        return np.asarray((self._size * waves).sum(axis=1))
+
+
+def slow_errors(time: Floats, duration: float, seed: int) -> Floats:
+    """Errors of joint angles and force at times, s, in standard deviations, (2, k, 2), correlated over a duration."""
+    return SlowNoise(np.random.default_rng([seed, 0]), 4, duration).at(time).reshape(-1, 2, 2).transpose(1, 0, 2)

@@ -21,11 +21,19 @@ from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import NANO, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.motion import CellState, Motion, Robot, Timing, Trajectory, load_histories
-from scara_kinetostatic.simulation.plan import Plan, check_numbers
-from scara_kinetostatic.simulation.slides import Slide, SlidingMotion
+from scara_kinetostatic.simulation.motion import (
+    CellState,
+    Motion,
+    Robot,
+    SlidingMotion,
+    Timing,
+    Trajectory,
+    load_histories,
+)
+from scara_kinetostatic.simulation.plan import Plan, Slide, check_numbers
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
@@ -96,8 +104,16 @@ class SensorModel:
         lateness = np.abs(random.standard_normal(count)) * self.jitter
         lateness += (random.random(count) < 0.01) * self.jitter * 20.0
         due = (np.arange(count) + lateness) / rate + offset
-        stamps = np.maximum.accumulate(np.round(due * 1e9).astype(np.int64))
-        return np.unique(stamps[stamps <= round(duration * 1e9)])
+        stamps = np.maximum.accumulate(np.round(due * SECOND).astype(np.int64))
+        return np.unique(stamps[stamps <= round(duration * SECOND)])
+
+    def stepped(self, angles: Floats) -> Floats:
+        """Angles in the steps of the encoders, rad."""
+        return np.round(angles / self.resolution) * self.resolution if self.resolution else angles
+
+    def forces(self, sign: SensorSign, exact: Floats, white: Floats) -> Floats:
+        """Forces as the sensor gives them, (..., 2), N: its sign, its bias, white noise in standard deviations."""
+        return np.asarray(sign.factor * exact + self.bias + self.force_noise * white)
 
 
 def in_sensor_frame(cell: Cell, truth: Parameters, joints: Floats, force: Floats) -> Floats:
@@ -202,20 +218,17 @@ def recorded(
 
     def sensed(stamps: NDArray[np.int64]) -> tuple[CellState, Floats, Floats]:
         """The state, and the errors of joint angles and force."""
-        time = 1e-9 * stamps.astype(np.float64)
+        time = NANO * stamps.astype(np.float64)
         state = motion.state_at(time)
         unit, angle = motion.errors_at(time, state, seed), sensor_angle(cell, model.parameters, state.joints)
         return state, *sensors.touch_errors(cell, unit, state.force, angle, state.relative_force)
 
     state, error, _ = sensed(joint_stamps)
-    position = state.joints + error + sensors.joint_noise * random.standard_normal(error.shape)
-    if sensors.resolution:
-        position = np.round(position / sensors.resolution) * sensors.resolution
+    position = sensors.stepped(state.joints + error + sensors.joint_noise * random.standard_normal(error.shape))
     state, _, error = sensed(wrench_stamps)
     touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
     force = reported_force(cell, model, state.joints, state.force, error, state.relative_force, touch)
-    force *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-    force = force + sensors.bias + sensors.force_noise * random.standard_normal(force.shape)
+    force = sensors.forces(cell.sensor.sign, force, random.standard_normal(force.shape))
     return Streams(source, JointStream(joint_stamps + start, position), WrenchStream(wrench_stamps + start, force))
 
 

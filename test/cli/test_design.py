@@ -11,7 +11,7 @@ import yaml
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan_file import parse_plan
+from scara_kinetostatic.simulation.plan import parse_plan
 
 ROOT = Path(__file__).parents[2]
 _LAYOUT_EFFORT = ['--accuracy', '1.1e-5', '--per-disc', '9', '--levels', '10', '40']

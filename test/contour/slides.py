@@ -14,8 +14,8 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Circle, Slide, SlideTiming, SlidingMotion, polygon
+from scara_kinetostatic.simulation.motion import SlideTiming, SlidingMotion
+from scara_kinetostatic.simulation.plan import Circle, Slide, default_plan, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, recorded, simulate_touches
 from scara_kinetostatic.touches.streams import Streams
 

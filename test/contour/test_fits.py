@@ -20,7 +20,8 @@ from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.slides import SlideTiming, polygon
+from scara_kinetostatic.simulation.motion import SlideTiming
+from scara_kinetostatic.simulation.plan import polygon
 
 
 @pytest.fixture(scope='module')

@@ -19,7 +19,7 @@ from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, inverse, posture
 from scara_kinetostatic.model.outline import Surfaces
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.slides import Circle, Slide, polygon
+from scara_kinetostatic.simulation.plan import Circle, Slide, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.touches.streams import as_signals
 

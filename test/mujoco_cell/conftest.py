@@ -11,8 +11,8 @@ import pytest
 from scara_kinetostatic.model.cell import MEASURED_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.motion import Timing
+from scara_kinetostatic.simulation.mujoco import SimulatedMotion, TouchController, preload_plan
 from scara_kinetostatic.simulation.mujoco.engine import scene_named
-from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, preload_plan
 from scara_kinetostatic.simulation.plan import Plan
 
 CELL = Cell(nominal=PAPER_NOMINAL, discs=MEASURED_DISCS, noise=Noise(joint=1e-5, force=0.3))

@@ -16,8 +16,7 @@ from mujoco_cell.conftest import CELL
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.simulation.mujoco import Scene, scene_named, simulate_streams
-from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene
+from scara_kinetostatic.simulation.mujoco import Scene, preload_plan, scene_named, simulate_streams, truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.simulation.truth import dump, truth_named

@@ -18,8 +18,8 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.mujoco import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, Engine, Scene, build, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 Play = Callable[[str], SimulatedMotion]

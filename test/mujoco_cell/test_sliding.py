@@ -14,8 +14,9 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.motion import SlidePhase
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.slides import Slide, SlidePhase
+from scara_kinetostatic.simulation.plan import Slide
 from scara_kinetostatic.simulation.streams import SensorModel, recorded
 
 NO_BACKLASH = PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0)

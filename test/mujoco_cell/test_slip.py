@@ -14,8 +14,8 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.motion import minimum_jerk
+from scara_kinetostatic.simulation.mujoco import TouchController
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import TouchController
 from scara_kinetostatic.simulation.plan import Plan
 
 COMPLIANCE, TORQUE = 2e-5, 2.0

@@ -19,15 +19,15 @@ from scara_kinetostatic.cli import mujoco
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco import simulate_streams
-from scara_kinetostatic.simulation.mujoco.engine import SCENES, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import (
+from scara_kinetostatic.simulation.mujoco import (
     SimulatedMotion,
     TouchController,
     as_streams,
     preload_plan,
+    simulate_streams,
     truth_of_scene,
 )
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, scene_named
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.touches.detection import find_touches

@@ -26,7 +26,7 @@ from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.slides import Circle, Slide
+from scara_kinetostatic.simulation.plan import Circle, Slide
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 

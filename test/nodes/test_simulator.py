@@ -13,9 +13,9 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, UNITS
 from scara_kinetostatic.nodes.cell_node import PARAMETERS
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
 from scara_kinetostatic.running.campaign import FIRST
-from scara_kinetostatic.simulation.commanded import Fault, PlantSettings
+from scara_kinetostatic.simulation.commanded import Malfunction, PlantSettings
 from scara_kinetostatic.simulation.mujoco import SCENES
-from scara_kinetostatic.simulation.plan_file import load_plan
+from scara_kinetostatic.simulation.plan import load_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -71,7 +71,7 @@ def test_stated_defaults_and_ranges_are_those_of_what_they_set():
     }
     assert {name: stated[name]['default'] for name in expected} == expected
     assert ', '.join(SCENES) in stated['scene']['meaning']
-    assert ', '.join(fault.value for fault in Fault if fault.value) in stated['fault']['meaning']
+    assert ', '.join(fault.value for fault in Malfunction if fault.value) in stated['fault']['meaning']
     assert {name.removeprefix('truth.') for name in stated if name.startswith('truth.')} == set(UNITS)
     assert PARAMETERS['contour_tracker']['tip_radius']['range'][1] == LARGEST_TIP
     assert PARAMETERS['touch_runner']['max_touches']['range'][0] == FIRST

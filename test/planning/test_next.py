@@ -29,8 +29,7 @@ from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.prediction import tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
 from scara_kinetostatic.running.campaign import clear_start
-from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, default_plan
-from scara_kinetostatic.simulation.plan_file import load_plan
+from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, default_plan, load_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 CELL = replace(

@@ -17,7 +17,7 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.simulation.slides import polygon
+from scara_kinetostatic.simulation.plan import polygon
 
 BAGS = Path(__file__).parents[2] / 'bags'
 

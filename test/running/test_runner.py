@@ -27,10 +27,16 @@ from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Poses, Space
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.running.campaign import Campaign, End, Knowledge, calibrated, clear_start
-from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Track
-from scara_kinetostatic.running.robot import Fault as PlannedFault
+from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Fault, Track
 from scara_kinetostatic.running.runner import Runner
-from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
+from scara_kinetostatic.simulation.commanded import (
+    COMMANDED_SENSORS,
+    Malfunction,
+    ModelBody,
+    Plant,
+    PlantSettings,
+    Reading,
+)
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -176,14 +182,14 @@ def test_a_coupled_drive_is_commanded_in_its_own_angles():
 @pytest.mark.parametrize(
     ('phase', 'fault', 'says'),
     [
-        ('travel', Fault.DOES_NOT_FOLLOW, 'does not follow'),
-        ('travel', Fault.FREE_FORCE, 'force'),
-        ('travel', Fault.SILENT_JOINTS, '/joint_states is silent'),
-        ('approach', Fault.LATE, 's late'),
-        ('press', Fault.DOES_NOT_FOLLOW, 'does not follow'),
-        ('press', Fault.HELD_MOVES, 'must not'),
-        ('press', Fault.FREE_FORCE, 'force'),
-        ('press', Fault.SILENT_WRENCH, '/wrench is silent'),
+        ('travel', Malfunction.DOES_NOT_FOLLOW, 'does not follow'),
+        ('travel', Malfunction.FREE_FORCE, 'force'),
+        ('travel', Malfunction.SILENT_JOINTS, '/joint_states is silent'),
+        ('approach', Malfunction.LATE, 's late'),
+        ('press', Malfunction.DOES_NOT_FOLLOW, 'does not follow'),
+        ('press', Malfunction.HELD_MOVES, 'must not'),
+        ('press', Malfunction.FREE_FORCE, 'force'),
+        ('press', Malfunction.SILENT_WRENCH, '/wrench is silent'),
     ],
 )
 def test_a_fault_stops_the_robot_within_a_second(phase, fault, says):
@@ -199,16 +205,16 @@ def test_a_fault_stops_the_robot_within_a_second(phase, fault, says):
     assert one.runner.is_over
     assert one.runner.end.status == 3
     assert one.plant.peak_force < CELL.touch.max_force
-    one.plant.fault = Fault.NONE if fault is Fault.LATE else fault
+    one.plant.fault = Malfunction.NONE if fault is Malfunction.LATE else fault
     before = one.plant.step(one.time + 0.5).joints
     after = one.plant.step(one.time + 1.0).joints
-    if before is not None and after is not None and fault is not Fault.HELD_MOVES:
+    if before is not None and after is not None and fault is not Malfunction.HELD_MOVES:
         assert np.abs(np.subtract(after, before)).max() < 1e-4
-    if phase == 'press' and fault in (Fault.HELD_MOVES, Fault.SILENT_WRENCH, Fault.FREE_FORCE):
+    if phase == 'press' and fault in (Malfunction.HELD_MOVES, Malfunction.SILENT_WRENCH, Malfunction.FREE_FORCE):
         assert not one.plant.body.touched  # retracted
 
 
-@pytest.mark.parametrize('fault', sorted({*Fault} - {Fault.DOES_NOT_FOLLOW, Fault.LIFT_STUCK}))
+@pytest.mark.parametrize('fault', sorted({*Malfunction} - {Malfunction.DOES_NOT_FOLLOW, Malfunction.LIFT_STUCK}))
 def test_from_a_fifth_of_a_second_after_a_fault_on_nothing_is_pressed_farther(fault):
     one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
     until_phase(one, 'press', 0.0)
@@ -218,8 +224,8 @@ def test_from_a_fifth_of_a_second_after_a_fault_on_nothing_is_pressed_farther(fa
     for _ in range(100):
         one.step()
         forces.append(np.hypot(*one.plant.body.force))
-    assert (max(forces) > pressed + 5.0) == (fault is Fault.NONE)
-    assert fault is Fault.NONE or max(forces) < pressed + 1.0, 'drives lag by 20 ms'
+    assert (max(forces) > pressed + 5.0) == (fault is Malfunction.NONE)
+    assert fault is Malfunction.NONE or max(forces) < pressed + 1.0, 'drives lag by 20 ms'
 
 
 def test_every_command_is_whole_and_leads_on_from_where_the_robot_is():
@@ -244,7 +250,7 @@ def test_a_force_that_jumps_across_the_contact_is_seen():
     # along x, so that the magnitude changes little
     one.run(lambda at: at.runner.status.phase == 'hold' and abs(at.plant.body.force[0]) < 0.4 * at.runner.senses.force)
     before, began = one.runner.senses.force, one.time
-    one.plant.fault = Fault.FREE_FORCE
+    one.plant.fault = Malfunction.FREE_FORCE
     one.run(lambda at: at.runner.end is not None, 2.0)
     assert one.time - began < 0.1
     assert 'the force jumps by 30 N' in one.runner.status.text
@@ -302,7 +308,7 @@ def test_somebody_else_moves_the_robot():
 
 def test_a_lift_that_does_not_lift_or_is_not_heard():
     one = rehearsal(replace(CELL, lift=LIFT))
-    one.plant.fault = Fault.LIFT_STUCK
+    one.plant.fault = Malfunction.LIFT_STUCK
     one.plant._position[2] = one.plant._setpoint[2] = 0.0
     one.run(longest=5.0)
     assert 'behind, joint3 most: it does not follow' in one.runner.status.text
@@ -379,7 +385,7 @@ def test_what_is_refused_before_anything_moves(change, error, says):
         Rehearsal(cell, Plant(cell, ModelBody(CELL, TRUTH), settings=PlantSettings(start=(0.5, 1.0))))
 
 
-@pytest.mark.parametrize('fault', [Fault.SILENT_WRENCH, Fault.SILENT_JOINTS])
+@pytest.mark.parametrize('fault', [Malfunction.SILENT_WRENCH, Malfunction.SILENT_JOINTS])
 def test_a_busy_machine_sees_what_is_missing_and_does_not_wait_for_ever(fault):
     one = rehearsal(patience=3.0)
     until_phase(one, 'travel')
@@ -397,7 +403,7 @@ def test_a_busy_machine_sees_what_is_missing_and_does_not_wait_for_ever(fault):
 
 def test_a_busy_machine_does_not_begin_without_a_force():
     one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH)), rate=20.0)
-    one.plant.fault = Fault.SILENT_WRENCH
+    one.plant.fault = Malfunction.SILENT_WRENCH
     one.runner.start()
     commands = [one.step() for _ in range(150)]
     assert not any(commands)
@@ -529,8 +535,8 @@ def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_
 
 
 INACTIVE = 'active', False, True, 'does not follow'
-NO_WRENCH = 'fault', Fault.SILENT_WRENCH, Fault.NONE, '/wrench is silent'
-NO_JOINTS = 'fault', Fault.SILENT_JOINTS, Fault.NONE, '/joint_states is silent'
+NO_WRENCH = 'fault', Malfunction.SILENT_WRENCH, Malfunction.NONE, '/wrench is silent'
+NO_JOINTS = 'fault', Malfunction.SILENT_JOINTS, Malfunction.NONE, '/joint_states is silent'
 
 
 @pytest.mark.parametrize(
@@ -646,7 +652,7 @@ def test_a_run_that_hears_no_joints_does_not_go_back_to_where_the_former_one_end
     until_phase(one, 'press', 0.4)
     one.runner.fail('somebody else', may_retract=False)
     one.run(longest=1.0)
-    one.plant.fault = Fault.SILENT_JOINTS
+    one.plant.fault = Malfunction.SILENT_JOINTS
     one.time += 60.0  # in which somebody moves it
     begin_anew(one)
     assert one.runner.obstacle(), 'a stop retracts nothing yet'
@@ -770,7 +776,7 @@ def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump():
     """Its controller may have had none of the motion: as after a pause of the network."""
     one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
     until_phase(one, 'travel', 0.8)
-    one.plant.scaling, one.plant.fault, halt = 0.0, Fault.SILENT_JOINTS, None
+    one.plant.scaling, one.plant.fault, halt = 0.0, Malfunction.SILENT_JOINTS, None
     while one.runner.status.phase != 'waiting':
         halt = one.step()
     moved = np.diff(forward(CELL.nominal, np.array([one.plant._position[:2], halt.positions[0, :2]])), axis=0)
@@ -783,7 +789,7 @@ def test_a_force_that_comes_while_it_waits_ends_the_run():
     until_phase(one, 'travel')
     one.plant.active = False
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
-    one.plant.fault, one.plant.active = Fault.FREE_FORCE, True
+    one.plant.fault, one.plant.active = Malfunction.FREE_FORCE, True
     before = one.plant._position[:2]
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'a force of 30' in one.runner.status.text.replace('29.', '30.')
@@ -823,7 +829,7 @@ def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_cont
     assert scaling or one.time - began < CELL.touch.hold + 1.0
 
 
-def move_while_it_waits(one: Rehearsal, by: float, fault: Fault = Fault.SILENT_WRENCH) -> None:
+def move_while_it_waits(one: Rehearsal, by: float, fault: Malfunction = Malfunction.SILENT_WRENCH) -> None:
     one.plant.fault = fault
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
     one.run(longest=0.5)
@@ -844,10 +850,10 @@ def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase, by):
     if phase == 'paused':
         one.runner.pause()
         until_phase(one, 'paused')
-    move_while_it_waits(one, by, Fault.SILENT_JOINTS if phase == 'paused' else Fault.SILENT_WRENCH)
+    move_while_it_waits(one, by, Malfunction.SILENT_JOINTS if phase == 'paused' else Malfunction.SILENT_WRENCH)
     assert (one.runner._motion is None) == (phase != 'travel')
     vars(one.runner.campaign).pop('choose', None)
-    one.plant.fault = Fault.NONE
+    one.plant.fault = Malfunction.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
     check_stands(one, within=2e-3)
@@ -879,7 +885,7 @@ def test_a_halt_is_never_refused():
     commander = Commander(CELL)
     beyond = np.append(np.array(CELL.limits)[:, 1] + 1e-5, 0.0)
     points = np.array([0.05]), beyond[None]
-    with pytest.raises(PlannedFault, match='beyond the limits'):
+    with pytest.raises(Fault, match='beyond the limits'):
         commander.command(beyond, points)
     halt = commander.command(beyond, points, is_halt=True)
     np.testing.assert_array_equal(halt.positions[-1][:2], beyond[:2])
@@ -899,7 +905,7 @@ def test_a_busy_machine_does_not_press_on_without_forces():
     one = rehearsal()
     until_phase(one, 'approach')
     one.run(lambda at: at.plant.body.touched, 60.0)
-    one.plant.fault, one._period = Fault.SILENT_WRENCH, 0.05
+    one.plant.fault, one._period = Malfunction.SILENT_WRENCH, 0.05
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert '/wrench is silent' in one.runner.status.text
     assert one.plant.peak_force < CELL.touch.max_force
@@ -908,9 +914,9 @@ def test_a_busy_machine_does_not_press_on_without_forces():
 def test_a_retract_ends_half_a_millimetre_beside_its_place():
     one = rehearsal(patience=10.0)
     until_phase(one, 'approach', 0.1)
-    one.plant.fault = Fault.SILENT_WRENCH
+    one.plant.fault = Malfunction.SILENT_WRENCH
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
-    one.plant.fault = Fault.NONE
+    one.plant.fault = Malfunction.NONE
     one.run(lambda at: at.runner.status.phase == 'retract', 3.0)
     track, command = one.runner._motion.track, one.plant.command
     beside = np.subtract(*track.place(np.array([5e-4, 0.0])))[:2]

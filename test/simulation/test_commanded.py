@@ -14,7 +14,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Lift, SensorFr
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.simulation.commanded import Fault, ModelBody, Plant, PlantSettings, Reading, free_pose
+from scara_kinetostatic.simulation.commanded import Malfunction, ModelBody, Plant, PlantSettings, Reading, free_pose
 from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, in_sensor_frame
@@ -235,22 +235,22 @@ def test_faults() -> None:
     here = [*at.body.joints, 0.02, 0.5]
     goal = [here[0] - 0.1, here[1], 0.0, 0.5]
     for fault, expected in (
-        (Fault.DOES_NOT_FOLLOW, here),
-        (Fault.LIFT_STUCK, [*goal[:2], 0.02, 0.5]),
-        (Fault.MOVED, [goal[0] + 0.04, *goal[1:]]),
-        (Fault.HELD_MOVES, [*goal[:3], 0.54]),
+        (Malfunction.DOES_NOT_FOLLOW, here),
+        (Malfunction.LIFT_STUCK, [*goal[:2], 0.02, 0.5]),
+        (Malfunction.MOVED, [goal[0] + 0.04, *goal[1:]]),
+        (Malfunction.HELD_MOVES, [*goal[:3], 0.54]),
     ):
         at.fault = fault
         assert go(at, goal)[-1].joints == pytest.approx(expected, abs=1e-6)
-    at.fault = Fault.FREE_FORCE
+    at.fault = Malfunction.FREE_FORCE
     assert at.step(at.time + STEP).force == pytest.approx((30.0, 0.0))
-    at.fault = Fault.SILENT_JOINTS
+    at.fault = Malfunction.SILENT_JOINTS
     assert at.step(at.time + STEP).joints is None
-    at.fault = Fault.SILENT_WRENCH
+    at.fault = Malfunction.SILENT_WRENCH
     assert at.step(at.time + STEP).force is None
-    at.fault = Fault.LATE
+    at.fault = Malfunction.LATE
     assert go(at, here)[-1].time == pytest.approx(at.time - 0.3, abs=2 * STEP)
-    at.fault = Fault.NONE
+    at.fault = Malfunction.NONE
     assert at.step(at.time + STEP).time == at.time
 
 

@@ -11,8 +11,17 @@ from scara_kinetostatic.errors import CellError, InputError, ParameterError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan import CLEARANCE, LIMIT_MARGIN, REACH_MARGIN, Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import PlanError, dump_plan, load_plan, parse_plan
+from scara_kinetostatic.simulation.plan import (
+    CLEARANCE,
+    LIMIT_MARGIN,
+    REACH_MARGIN,
+    Plan,
+    PlanError,
+    default_plan,
+    dump_plan,
+    load_plan,
+    parse_plan,
+)
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
 

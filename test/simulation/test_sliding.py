@@ -12,8 +12,8 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan_file import PlanError, load_plan
-from scara_kinetostatic.simulation.slides import CROSSING, Circle, Slide, SlidePhase, SlidingMotion, Track, polygon
+from scara_kinetostatic.simulation.motion import CROSSING, SlidePhase, SlidingMotion, TipPath
+from scara_kinetostatic.simulation.plan import Circle, PlanError, Slide, load_plan, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)
@@ -52,14 +52,14 @@ def test_contact_obeys_model_and_friction(slide, truth):
 
 
 def test_outlines_have_their_lengths():
-    assert Track(Circle((0, 0), 0.04), 0.01).length == pytest.approx(2 * np.pi * 0.05)
+    assert TipPath(Circle((0, 0), 0.04), 0.01).length == pytest.approx(2 * np.pi * 0.05)
     square = 0.4 + 2 * np.pi * 0.005
-    assert Track(polygon(SQUARE), 0.005).length == pytest.approx(square)
-    assert Track(polygon(SQUARE, 0.01), 0.005).length == pytest.approx(0.4 - 8 * 0.01 + 2 * np.pi * 0.015)
+    assert TipPath(polygon(SQUARE), 0.005).length == pytest.approx(square)
+    assert TipPath(polygon(SQUARE, 0.01), 0.005).length == pytest.approx(0.4 - 8 * 0.01 + 2 * np.pi * 0.015)
     hollow = polygon([[0, 0], [0.1, 0], [0.1, -0.1]], 0.02, closed=False)
-    assert Track(hollow, 0.005).length == pytest.approx(0.2 - 2 * 0.02 + np.pi / 2 * 0.015)
+    assert TipPath(hollow, 0.005).length == pytest.approx(0.2 - 2 * 0.02 + np.pi / 2 * 0.015)
     with pytest.raises(ParameterError, match='narrower than the tip'):
-        Track(polygon([[0, 0], [0.1, 0], [0.1, -0.1]], closed=False), 0.005)
+        TipPath(polygon([[0, 0], [0.1, 0], [0.1, -0.1]], closed=False), 0.005)
     with pytest.raises(ParameterError, match='clockwise'):
         polygon(SQUARE[::-1])
     with pytest.raises(ParameterError, match='larger than edge 0 allows'):
@@ -68,7 +68,7 @@ def test_outlines_have_their_lengths():
 
 @pytest.mark.parametrize('outline', [polygon(SQUARE), polygon(SQUARE[:2], closed=False)], ids=['closed', 'open'])
 def test_the_end_of_an_outline_is_not_its_begin(outline):
-    track = Track(outline, 0.005)
+    track = TipPath(outline, 0.005)
     places, normals = track.at(track.length * np.array([0.0, 0.3, 1.0, 1.3]))
     np.testing.assert_allclose(places[0], np.add(SQUARE[0], (0.0, -0.005)), atol=1e-12)
     if outline.is_closed:

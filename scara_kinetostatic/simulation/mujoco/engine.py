@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic.errors import CellError, InputError, ParameterError
+from scara_kinetostatic.files.robot_cell import GRAVITY
 from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
@@ -100,10 +101,10 @@ class Scene:
     @property
     def centers(self) -> tuple[Pair, Pair]:
         """Centres of mass of the links, each in its frame, m: in the middle; upright those of the static moments."""
-        p, (m1, m2), quill = self.parameters, self.masses, Settings.small_mass
+        p, (m1, m2), quill = self.parameters, self.masses, Hardware.small_mass
         if not p.has_gravity:
             return (0.5 * p.l1, 0.0), (0.5 * p.l2, 0.0)
-        c1 = (rect(p.s1, p.phi1) - (Settings.elbow_mass + m2 + quill) * p.l1) / m1
+        c1 = (rect(p.s1, p.phi1) - (Hardware.elbow_mass + m2 + quill) * p.l1) / m1
         c2 = (rect(p.s2, p.phi2) - quill * p.l2) / m2
         return (c1.real, c1.imag), (c2.real, c2.imag)
 
@@ -147,7 +148,7 @@ LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
 
 
-class Settings:
+class Hardware:
     """Size, stiffness and mass of what the robot consists of; the template has those that it alone uses.
 
     Attributes:
@@ -184,7 +185,7 @@ def build(scene: Scene, cell: Cell) -> str:
     """
     a, b = scene.tilt
     # the discs are smaller by the ball at the tip than the radii in the cell
-    tip = min(Settings.largest_tip, 0.5 * float(cell.radii.min()))
+    tip = min(Hardware.largest_tip, 0.5 * float(cell.radii.min()))
     tip = float(cell.tip_radius or 0.0) if cell.has_outlines else tip
     moved = (scene.displaced_disc(cell), *scene.displacement)
     condim = 3 if scene.contact_friction else 1
@@ -192,14 +193,14 @@ def build(scene: Scene, cell: Cell) -> str:
         Path(__file__).with_name('scene.xml.j2'),
         row=_row,
         sqrt=math.sqrt,
-        settings=Settings,
+        settings=Hardware,
         timestep=TIMESTEP,
         scene=scene,
         p=scene.parameters,
-        # 9.81 m/s² downwards in the frame of a base turned by `tilt` about its x and then its y axis
+        # downwards in the frame of a base turned by `tilt` about its x and then its y axis
         gravity=(*scene.parameters.gravity, 0.0)
         if scene.parameters.has_gravity
-        else (9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b)),
+        else (GRAVITY * np.cos(a) * np.sin(b), -GRAVITY * np.sin(a), -GRAVITY * np.cos(a) * np.cos(b)),
         tip_radius=tip,
         discs=[
             {
@@ -233,12 +234,12 @@ def _pieces(outline: Outline, padded: bool) -> dict[int, Markup]:
     for number, (center, radius, normal, half) in enumerate(zip(s.centers, s.radii, s.normals, s.halves, strict=True)):
         if s.is_edge[number]:
             size, place = (
-                (half, Settings.slab / 2, Settings.disc_height),
-                center + (radius - Settings.slab / 2) * normal,
+                (half, Hardware.slab / 2, Hardware.disc_height),
+                center + (radius - Hardware.slab / 2) * normal,
             )
             shape, turn = f'type="box" size="{_row(size)}"', np.arctan2(*s.tangents[number, ::-1])
         else:
-            shape, place, turn = f'type="cylinder" size="{_row((radius, Settings.disc_height))}"', center, 0.0
+            shape, place, turn = f'type="cylinder" size="{_row((radius, Hardware.disc_height))}"', center, 0.0
         if radius > 0:  # a corner that is not sharp
             found[number] = Markup(f'{shape} pos="{_row(place)} 0.0" euler="0.0 0.0 {turn}"')
     return found
@@ -291,7 +292,7 @@ class Engine:
             [self.model.joint(name).qposadr[0] for name in names if name in {f'{part}{n}' for part in parts}]
             for n in (1, 2)
         ]
-        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= Settings.friction_hardness
+        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= Hardware.friction_hardness
         self._frame = self.model.body('quill').id
         self.data.qpos[self._motors] = joints
         self.data.qpos[self.model.joint('lift').qposadr[0]] = lift
@@ -312,11 +313,11 @@ class Engine:
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
         if self._smooth and scene.contact_friction and not scene.padded:  # R / A = (1 - d)/d, k = 1/(2 timesteps)²
-            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Settings.sliding_stiffness * inverse_mass)
+            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Hardware.sliding_stiffness * inverse_mass)
             self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
-            damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * Settings.pad_full
-            stiffness = scene.pad[0] * inverse_mass * (1.0 - Settings.pad_full)
+            damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * Hardware.pad_full
+            stiffness = scene.pad[0] * inverse_mass * (1.0 - Hardware.pad_full)
             self.model.geom_solref[self.model.geom(f'disc{number}').id] = (-stiffness, -damping)
 
     def command(self, joints: Floats, lift: float) -> None:
