@@ -166,11 +166,11 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         if wanted in tried:  # each of several sets is the likeliest at the fit with another
             break
         tried.add(wanted)
-        fitted = _fit_named(c, known, weighed.problem, members)
+        fitted = _fit(c, known, start_from(weighed.problem, members))
         if fitted is None and len(members) > 1:  # far from the truth a set may be likely that has no fit
             members = weighed.likeliest_of(members)
             wanted = frozenset(_name(member) for member in members)
-            fitted = None if wanted == names else _fit_named(c, known, weighed.problem, members)
+            fitted = None if wanted == names else _fit(c, known, start_from(weighed.problem, members))
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
             alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
             if alone is not None and len(alone.touches) == len(c.touches):
@@ -205,37 +205,19 @@ def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> Mixed
     return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
 
 
-def _fit_named(
-    c: Calibration, known: Sequence[Effect], problem: Problem, members: Sequence[Candidate]
-) -> MixedModel | None:
-    """The mixed model with effects named, begun where they fit the linear problem best (`start_from`) or, as large ones
-    are not linear, at a quarter of the way.
-    """
-    is_large = c.p_value < STRICT_SIGNIFICANCE or all(member.effect.is_physical for member in members)
-    steps = (1.0, 0.25) if is_large else (1.0,)
-    starts = (start_from(problem, members, step) for step in steps)
-    return next(filter(None, (_fit(c, known, start) for start in starts)), None)
-
-
 def _name(member: Candidate) -> tuple[str, float]:
     """An effect and, where it begins or ends in a step, when."""
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
 
 
-def start_from(problem: Problem, members: Sequence[Candidate], step: float = 1.0) -> ExtendedModel:
-    """L̄ and effects that fit the linear problem best, to start from.
-
-    Args:
-        problem: the touches.
-        members: the effects.
-        step: part of the way from a model without the effects.
-    """
+def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
+    """L̄ and effects that fit the linear problem of the touches best, to start from."""
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
     scale = np.linalg.norm(together, axis=0)
     scale[scale == 0] = 1.0
     projected = (together - problem.base @ (problem.base.T @ together)) / scale
-    found = -step * np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
+    found = -np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
     parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
     values = [member.trial.values(part) for member, part in zip(members, parts, strict=True)]
     moved = problem.without_effects + problem.response @ together @ found
