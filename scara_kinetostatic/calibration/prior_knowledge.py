@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.result import Calibration, of_full_model
+from scara_kinetostatic.calibration.declared_errors import ASSUMED_PLACES
+from scara_kinetostatic.calibration.result import Calibration, Contribution, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
     Poses,
@@ -55,8 +56,9 @@ def assumed_places(c: Calibration) -> Assumed | None:
     if not c.cell.undeclared_places:
         return None
     size = _assumed_size(c)
-    covariance = c.covariance + _more(c, TIMES * size) - _more(c, size)  # which it has (`by_assumed_places`)
-    return Assumed(size, tip_uncertainty(replace(c, covariance=covariance)).worst)
+    more = _more(c, TIMES * size) - _more(c, size)  # which it has (`by_assumed_places`)
+    larger = replace(c, contributions=(*c.contributions, Contribution(ASSUMED_PLACES, None, '', more)))
+    return Assumed(size, tip_uncertainty(larger).worst)
 
 
 def by_assumed_places(c: Calibration) -> Floats | None:

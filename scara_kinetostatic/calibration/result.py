@@ -6,7 +6,7 @@ With it what each source of uncertainty contributes to the covariance (GUM, 5.2)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -81,6 +81,10 @@ class Alternative(NamedTuple):
     covariance: Floats
 
 
+_PROJECTED = frozenset({'cell', 'touches', 'model', 'noise', 'errors', 'random', 'random_values'})
+"""Fields on which the projection of the touches depends."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """The calibrated model with its uncertainty, and the residual of every touch. Its arrays are read-only.
@@ -94,24 +98,19 @@ class Calibration:
         subspace: the changes of the model that the fit could make: without what is fixed or unidentifiable.
         start: the model where the fit began: nominal values, fixed parameters at theirs, effects at their start values.
         model: the calibrated model.
-        covariance: of all values of `full_model`, (12 + k + u, 12 + k + u), in their units and in the order of its
-            names; zero rows where fixed, not meaningful where confounded.
         covariance_with_errors: of all values of the model, the declared errors and the random effects,
             (12 + k + m + r, 12 + k + m + r); the errors in units of their standard uncertainties.
-        std: standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded.
-        effect_std: the same of the effects' parameters, (k,).
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
         random: the random effects, at all touches; None for none.
         random_values: estimates of these in units of their sizes, (r,).
         known: what is known beforehand of the values of effects; None for nothing.
         alternatives: the sets of effects of which it is the mean; empty where it is no mean.
+        place_stds: standard deviations of places of effects on their grids, by name, larger than those by `covariance`.
         contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
         touches: all touches that were not left out, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
         noise: of one touch.
-        noise_source: ``given``, or ``estimated`` where any part of it is.
-        force: measured force on the object in the base frame, (n, 2), N.
         standardized: studentised distance of each touch from the model, (n,).
         prior_cost: sum of squares of the declared errors and of trusted nominal values, in standard uncertainties.
         chi_square: sum of squared distances of the used touches, and `prior_cost`.
@@ -136,18 +135,13 @@ class Calibration:
     subspace: Subspace
     start: ExtendedModel
     model: ExtendedModel
-    covariance: Floats
     covariance_with_errors: Floats
-    std: Floats
-    effect_std: Floats
     errors: Floats
     contributions: tuple[Contribution, ...]
     touches: TouchSet
     used: Mask
     rejected: tuple[Rejection, ...]
     noise: Noise
-    noise_source: str
-    force: Floats
     standardized: Floats
     prior_cost: float
     chi_square: float
@@ -159,11 +153,20 @@ class Calibration:
     random_values: Floats = field(default_factory=lambda: NO_ERRORS)
     known: Prior | None = None
     alternatives: tuple[Alternative, ...] = ()
+    place_stds: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        covariances = ('covariance', 'covariance_with_errors', 'random_values')
-        for name in (*covariances, 'std', 'effect_std', 'errors', 'used', 'force', 'standardized'):
+        for name in ('covariance_with_errors', 'random_values', 'errors', 'used', 'standardized'):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def changed(self, point: Point | None = None, **changes: Any) -> Calibration:
+        """The calibration with other values of some fields; its `projection` where they do not alter that, or this."""
+        other = replace(self, **changes)
+        if point is None and not changes.keys() & _PROJECTED:
+            point = vars(self).get('projection')
+        if point is not None:
+            vars(other)['projection'] = point
+        return other
 
     def __repr__(self) -> str:
         effects = ' '.join(effect.label for effect in self.model.effects) or 'none'
@@ -187,6 +190,41 @@ class Calibration:
     def parameters(self) -> Parameters:
         """L̄."""
         return self.model.parameters
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Of all values of `full_model`, (12 + k + u, 12 + k + u), in their units and in the order of its names; zero
+        rows where fixed, not meaningful where confounded.
+        """
+        return read_only(np.sum([part.covariance for part in self.contributions], axis=0))
+
+    @cached_property
+    def _stds(self) -> Floats:
+        """Standard uncertainties of all values of the model, (12 + k,)."""
+        confounded = {name for group in self.identifiability.confounded for name in group}
+        stds = np.sqrt(np.clip(np.diag(self.covariance)[: len(self.model.names)], 0.0, None))
+        stds = np.fmax(stds, [self.place_stds.get(name, 0.0) for name in self.model.names])
+        return read_only(np.where([name in confounded for name in self.model.names], np.nan, stds))
+
+    @property
+    def std(self) -> Floats:
+        """Standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded."""
+        return self._stds[: self.model.base_count]
+
+    @property
+    def effect_std(self) -> Floats:
+        """The same of the effects' parameters, (k,)."""
+        return self._stds[self.model.base_count :]
+
+    @property
+    def noise_source(self) -> str:
+        """``given``, or ``estimated`` where any part of the noise is."""
+        return 'estimated' if estimated_levels(self.noise, self.cell.noise) else 'given'
+
+    @cached_property
+    def force(self) -> Floats:
+        """Measured force on the object in the base frame, (n, 2), N."""
+        return read_only(base_force(self.observe(), self.model))
 
     @property
     def base_rank(self) -> int:
@@ -353,14 +391,19 @@ def build_result(
     """
     fit, used, observations = found.fit, found.used, found.observations
     model, everything = fit.point.model, covariance_of_fit(fit, found.subspace)
-    contributions, chi_square, freedoms = contributions_of(found, everything)
-    covariance = np.sum([part.covariance for part in contributions], axis=0)
-    std = np.sqrt(np.diag(covariance))
+    prior = ActivePrior.of(observations, found.subspace)
+    chi_square = float(fit.point.distance[used].sum()) + fit.prior_cost
+    freedoms = 2 * int(used.sum()) - found.subspace.basis.shape[1]
+    if prior is not None:
+        freedoms += int(prior.active.sum()) - prior.prior.errors
+    enlarged, every = enlargement_of(chi_square, freedoms), np.arange(len(model.names))
+    everything = enlarged * everything
+    covariance = everything[: len(every), : len(every)]
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     held, values = model.held.union(model.aliases, fixed), model.as_array()
     free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
-    groups = group_names(found.unidentifiable, free, model, std)
+    groups = group_names(found.unidentifiable, free, model, np.sqrt(np.diag(covariance)))
     identifiability = Identifiability(
         rank=len(free) - found.unidentifiable.shape[1],
         condition=condition_number(changes),
@@ -368,26 +411,19 @@ def build_result(
         combinations=determined_pairs(found.unidentifiable, free, values, covariance),
         advice=advise(groups, mean_force),
     )
-    confounded = {name for group in identifiability.confounded for name in group}
-    std[[name in confounded for name in model.names]] = np.nan
     return Calibration(
         cell=cell,
         fixed=dict(fixed),
         subspace=found.subspace,
         start=start,
         model=model,
-        covariance=covariance,
-        covariance_with_errors=enlargement_of(chi_square, freedoms) * everything,
-        std=std[: model.base_count],
-        effect_std=std[model.base_count :],
+        covariance_with_errors=everything,
         errors=fit.point.errors,
-        contributions=contributions,
+        contributions=contributions_of(observations.prior, everything, every, np.ones(len(every)), enlarged),
         touches=touches,
         used=used,
         rejected=_rejections(touches, found, left_out),
         noise=found.noise,
-        noise_source='estimated' if estimated_levels(found.noise, cell.noise) else 'given',
-        force=base_force(observations, model),
         standardized=np.sqrt(found.distance),
         prior_cost=fit.prior_cost,
         chi_square=chi_square,
@@ -432,28 +468,31 @@ class Contribution(NamedTuple):
     covariance: Floats
 
 
-def contributions_of(found: Estimation, covariance: Floats) -> tuple[tuple[Contribution, ...], float, int]:
-    """What noise and each declared source contribute to the covariance, chi-square, degrees of freedom.
+def contributions_of(
+    prior: Prior | None, covariance: Floats, kept: Indices, scale: Floats, enlarged: float
+) -> tuple[Contribution, ...]:
+    """What noise and each source contribute to the covariance of some values.
 
     With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
-    e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest. Where the residuals are larger than
-    noise and declared errors can be, all are enlarged alike.
+    e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest.
+
+    Args:
+        prior: what is known beforehand; None for nothing.
+        covariance: of all values of the model, the declared errors and the random effects.
+        kept: positions of the values asked for, (v,).
+        scale: their units, (v,).
+        enlarged: by what the covariance was enlarged (`enlargement_of`).
     """
-    fit, values = found.fit, len(found.subspace.origin)
-    prior = ActivePrior.of(found.observations, found.subspace)
-    chi_square = float(fit.point.distance[found.used].sum()) + fit.prior_cost
-    freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
     parts = []
     if prior is not None:
-        freedoms += int(prior.active.sum()) - prior.prior.errors
-        moved = covariance[:values] @ prior.prior.rows(values).T
-        for source, where in prior.prior.by_source():
+        moved = scale[:, None] * (covariance[kept] @ prior.rows(len(covariance) - prior.errors).T)
+        for source, where in prior.by_source():
             part = moved[:, where]
-            parts.append(Contribution(source.label, source.std, source.unit, part @ part.T))
-    noise = covariance[:values, :values] - np.sum([part.covariance for part in parts], axis=0) if parts else covariance
-    enlarged = enlargement_of(chi_square, freedoms)
-    every = (Contribution('noise', None, '', noise), *parts)
-    return tuple(part._replace(covariance=enlarged * part.covariance) for part in every), chi_square, freedoms
+            std = source.std if np.isfinite(source.std) and not source.label.startswith('size[') else None
+            parts.append(Contribution(source.label, std, source.unit if std else '', part @ part.T / enlarged))
+    total = scale[:, None] * covariance[np.ix_(kept, kept)] * scale
+    noise = total - np.sum([part.covariance for part in parts], axis=0) if parts else total
+    return (Contribution('noise', None, '', noise), *parts)
 
 
 def enlargement_of(chi_square: float, freedoms: int) -> float:

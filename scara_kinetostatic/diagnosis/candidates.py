@@ -114,7 +114,7 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
         problem: the touches.
         effects: the effects.
     """
-    fitted = {effect: values for effect, values, _ in fitted_effects(problem.calibration) if len(values)}
+    fitted = {effect: values for effect, values in fitted_effects(problem.calibration) if len(values)}
     found: list[Candidate] = []
     unidentifiable, scans, single = [], [], []
     for effect in effects:

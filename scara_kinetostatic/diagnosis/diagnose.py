@@ -26,14 +26,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     STRICT_SIGNIFICANCE,
     fitted_effects,
 )
-from scara_kinetostatic.diagnosis.mixed_model import (
-    HEAVY_TAILS,
-    averaged,
-    fit_mixed,
-    with_assumed_places,
-    with_places,
-    with_projection,
-)
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_assumed_places, with_places
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
@@ -298,17 +291,15 @@ def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
         effect = moment.effect
         if len(moment.change):
             fit = with_places(fit, effect, moment.change, moment.weight)
-        at = fit.model.names.index(f'{effect.label}.{effect.grid_parameter}') - fit.model.base_count
-        std = fit.effect_std.copy()
-        std[at] = np.fmax(std[at], moment.std)
-        fit = with_projection(replace(fit, effect_std=std), fit.projection)
+        name = f'{effect.label}.{effect.grid_parameter}'
+        fit = fit.changed(place_stds={**fit.place_stds, name: moment.std})
     return fit
 
 
 def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
     """All named effects with their values, of each those that it has if it is gross."""
     items = list[Found]()
-    for effect, estimates, std in fitted_effects(extended):
+    for (effect, estimates), std in zip(fitted_effects(extended), extended.effect_stds, strict=True):
         if effect.label in extended.held_effects:
             continue
         values, label = _values(effect, estimates, std, extended), effect.label if effect.is_physical else UNNAMED

@@ -234,6 +234,6 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
     # a standard deviation of 10 rad leaves the angle free
     effects = tuple(
         effect.with_off_normal_std(10.0) if effect.off_normal_std else effect
-        for effect, _, _ in fitted_effects(calibration)
+        for effect, _ in fitted_effects(calibration)
     )
     return replace(calibration, model=replace(calibration.model, effects=effects))

@@ -215,8 +215,7 @@ def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return drawn
 
 
-def fitted_effects(calibration: Calibration) -> list[tuple[Effect, Floats, Floats]]:
-    """The effects of a calibration, the values of their parameters, and standard deviations of these, (k,) each."""
+def fitted_effects(calibration: Calibration) -> list[tuple[Effect, Floats]]:
+    """The effects of a calibration and the values of their parameters, (k,) each."""
     model = calibration.model
-    effects = cast('tuple[Effect, ...]', model.effects)
-    return list(zip(effects, model.effect_arrays, calibration.effect_stds, strict=True))
+    return list(zip(cast('tuple[Effect, ...]', model.effects), model.effect_arrays, strict=True))

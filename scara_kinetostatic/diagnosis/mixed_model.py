@@ -27,7 +27,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,15 +41,16 @@ from scara_kinetostatic.calibration.declared_errors import (
     Source,
 )
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
-from scara_kinetostatic.calibration.fit_point import Point, base_force, select
+from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, raised
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, raised
 from scara_kinetostatic.calibration.prior_knowledge import by_assumed_places
 from scara_kinetostatic.calibration.result import (
     Alternative,
     Calibration,
     Contribution,
+    contributions_of,
     enlargement_of,
     of_full_model,
     outlier_rejections,
@@ -188,7 +188,7 @@ def _settled(
         # far from these the likelihood has other maxima: the columns are those of the first linearisation
         logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), begin.solved.logs[-1]
         values = size * begin.fit.random_values
-        latest = replace(latest, errors=begin.fit.errors, random_values=values, noise=begin.fit.noise)
+        latest = latest.changed(errors=begin.fit.errors, random_values=values, noise=begin.fit.noise)
     for number in range(most):
         # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
         noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
@@ -203,9 +203,9 @@ def _settled(
         good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
-        latest = with_projection(replace(moved, used=good), moved.projection)
+        latest = moved.changed(used=good)
         if number == 0 and shift > 1.0 and latest.random is not None:  # the columns are those of where the fit began
-            latest = replace(latest, random=_with_random_effects(latest, latest.model, known)[0].random)
+            latest = latest.changed(random=_with_random_effects(latest, latest.model, known)[0].random)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
     return _result(moved, c, solved, is_converged=is_whole and (most == 1 or shift < 1.0))
@@ -241,10 +241,8 @@ def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[E
     size, is_free = np.array([item[1] for item in found]), np.array([item[2] for item in found], dtype=bool)
     sizes = {name: std for name, std in declared.stated.items() if std}
     random = RandomEffects.at([item[0] for item in found], size, at, force, sizes) if found else None
-    changed = replace(
-        c, model=model, random=random, random_values=np.zeros(len(found)), subspace=_subspace(c, model), known=None
-    )
-    return changed, is_free
+    values, subspace = np.zeros(len(found)), _subspace(c, model)
+    return c.changed(model=model, random=random, random_values=values, subspace=subspace, known=None), is_free
 
 
 def _subspace(c: Calibration, model: ExtendedModel) -> Subspace:
@@ -259,7 +257,7 @@ def _sizes_of(c: Calibration, kept: int, is_free: Mask, freedoms: float) -> _Siz
     """The columns with a prior at a linearisation, and their groups: one for each label, and for each named effect."""
     arm = c.cell.uncertainty.effects.arm
     scale, groups = [1.0] * len(c.errors), [''] * len(c.errors)
-    for number, (effect, values, _) in enumerate(fitted_effects(c)):
+    for number, (effect, values) in enumerate(fitted_effects(c)):
         acts = effect.amplitudes(np.ones(len(values))) != 0
         for k, parameter in enumerate(effect.parameters):
             if (name := f'{effect.label}.{parameter.name}') not in c.fixed and name not in c.model.held:
@@ -431,7 +429,7 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
         joint, force = max(noise.joint_rms * by_joints, least[0]), max(noise.force_rms * by_force, least[2])
         noise = noise._replace(joint=joint, force=force, force_relative=growth)
         noise = raised(noise, c.cell, c.touches.joints)
-    return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
+    return c.changed(model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
 
 
 def _closer(before: Calibration, after: Calibration) -> tuple[Calibration, bool]:
@@ -445,7 +443,7 @@ def _closer(before: Calibration, after: Calibration) -> tuple[Calibration, bool]
         both = ((getattr(one, name) for one in (before, after)) for name in ('errors', 'random_values'))
         errors, random = (0.5 * (one + other) for one, other in both)
         values = 0.5 * (before.model.as_array() + after.model.as_array())
-        after = replace(after, model=after.model.with_array(values), errors=errors, random_values=random)
+        after = after.changed(model=after.model.with_array(values), errors=errors, random_values=random)
     return after, after is whole
 
 
@@ -470,12 +468,6 @@ def _of_random(c: Calibration, columns: np.ndarray) -> np.ndarray:
     return columns[len(columns) - len(c.random_values) :]
 
 
-def with_projection(c: Calibration, point: Point) -> Calibration:
-    """A calibration whose projection is known."""
-    c.__dict__['projection'] = point
-    return c
-
-
 def _resized(c: Calibration, size: Floats) -> Calibration:
     """The same calibration with the random effects in units of other sizes."""
     if c.random is None:
@@ -489,30 +481,20 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
         whitened=point.whitened._replace(by_errors=point.whitened.by_errors * every),
         errors=np.concatenate([c.errors, values]),
     )
-    return with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
+    return c.changed(point, random=c.random.resized(factor), random_values=values)
 
 
 def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged: bool) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
     c = _resized(moved, _of_random(moved, solved.tau))
     point, freedoms = c.projection, len(solved.inner.residual) - solved.rank
-    c = with_projection(replace(c, known=_known(c, solved)), point)
+    c = c.changed(known=_known(c, solved))
     enlarged = enlargement_of(solved.chi_square, freedoms)
     everything = enlarged * solved.covariance
-    contributions = _contributions(c, everything, enlarged)
-    covariance = np.sum([part.covariance for part in contributions], axis=0)
-    std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))[: len(c.model.names)]
-    count = c.model.base_count
-    hidden = np.isnan(base.std)
     distance = _distances(c, solved, point.whitened.residual)
-    c = replace(
-        c,
-        covariance=covariance,
+    c = c.changed(
         covariance_with_errors=everything,
-        std=np.where(hidden, np.nan, std[:count]),
-        effect_std=std[count:],
-        contributions=contributions,
-        noise_source='estimated' if estimated_levels(c.noise, c.cell.noise) else 'given',
+        contributions=contributions_of(c.observe().prior, everything, *of_full_model(c), enlarged),
         chi_square=solved.chi_square,
         degrees_of_freedom=freedoms,
         prior_cost=float(
@@ -523,10 +505,8 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged
         start=ExtendedModel(
             base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
         ),
-        force=base_force(c.observe(), c.model),
         termination=Termination.CONVERGED if is_converged else Termination.ITERATION_LIMIT,
     )
-    c = with_projection(c, point)
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
     level = np.zeros(0)
     if c.random is not None:
@@ -568,8 +548,7 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative], undetected: Fl
     scale = np.sqrt(np.diag(every + c.covariance))
     undetected = _positive(undetected, scale)
     more = _positive(every - c.covariance - undetected, scale)
-    point = c.projection
-    c = with_projection(replace(c, alternatives=alternatives if len(alternatives) > 1 else ()), point)
+    c = c.changed(alternatives=alternatives if len(alternatives) > 1 else ())
     c = _with_contribution(c, LARGE_EFFECT, undetected)
     return _with_contribution(c, RIVALS, more) if c.alternatives else c
 
@@ -583,8 +562,7 @@ def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:
         change: of all values of the model, declared errors and random effects, (12 + k + m + r,).
     """
     of_model, errors, random = np.split(change, np.cumsum([len(c.model.names), len(c.errors)]))
-    moved = replace(
-        c,
+    moved = c.changed(
         model=c.model.with_array(c.model.as_array() + of_model),
         errors=c.errors + errors,
         random_values=c.random_values + random,
@@ -593,8 +571,7 @@ def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:
     if not np.isfinite(point.distance[c.used]).all():
         return c, np.zeros(len(change))
     distance = studentised(point.whitened, c.covariance_with_errors / c.enlargement, c.used)
-    moved = replace(moved, force=base_force(moved.observe(), moved.model), standardized=np.sqrt(distance))
-    return with_projection(moved, point), change
+    return moved.changed(standardized=np.sqrt(distance)), change
 
 
 def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:
@@ -631,16 +608,7 @@ def _positive(more: Floats, scale: Floats) -> Floats:
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
     """A calibration with more covariance of all values of `full_model`."""
-    covariance, count = c.covariance + more, c.model.base_count
-    std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
-    changed = replace(
-        c,
-        covariance=covariance,
-        std=np.where(c.std > 0, std[:count], c.std),
-        effect_std=np.where(c.effect_std > 0, np.fmax(c.effect_std, std[count:][: len(c.effect_std)]), c.effect_std),
-        contributions=(*c.contributions, Contribution(label, None, '', more)),
-    )
-    return with_projection(changed, c.projection)
+    return c.changed(contributions=(*c.contributions, Contribution(label, None, '', more)))
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:
@@ -657,25 +625,6 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
     )
     mean = c.model.as_array() - amplitudes(c)
     return Prior(sources, places, mean[places], std, 0)
-
-
-def _contributions(c: Calibration, everything: Floats, enlarged: float) -> tuple[Contribution, ...]:
-    """What noise and each source contribute to the covariance of all values of `full_model`.
-
-    With C the covariance and P_s the rows of the prior of a source: C P_sᵀ P_s C, and noise the rest.
-    """
-    values = len(c.model.names)
-    kept, scale = of_full_model(c)
-    prior, parts = c.observe().prior, []
-    if prior is not None:
-        moved = scale[:, None] * (everything[kept] @ prior.rows(values).T)
-        for source, where in prior.by_source():
-            part = moved[:, where]
-            std = source.std if np.isfinite(source.std) and not source.label.startswith('size[') else None
-            parts.append(Contribution(source.label, std, source.unit if std else '', part @ part.T / enlarged))
-    total = scale[:, None] * everything[np.ix_(kept, kept)] * scale
-    noise = total - np.sum([part.covariance for part in parts], axis=0) if parts else total
-    return (Contribution('noise', None, '', noise), *parts)
 
 
 def _rejections(c: Calibration, base: Calibration, distance: Floats) -> tuple[Rejection, ...]:

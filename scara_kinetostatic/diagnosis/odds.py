@@ -452,10 +452,10 @@ def _gathered(
     for part in parts:
         by_labels[part.labels].append(part._replace(log=part.log - total))
     logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}
-    priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in labels) for labels in logs}
+    priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in sorted(labels)) for labels in logs}
     merged_into = {labels: [labels] for labels in logs}
     for labels in sorted(logs, key=len, reverse=True):
-        fewer = [labels - {x} for x in labels if len(labels) > 1 and labels - {x} in logs]
+        fewer = [labels - {x} for x in sorted(labels) if len(labels) > 1 and labels - {x} in logs]
         if not fewer:
             continue
         best = max(fewer, key=lambda one: logs[one] - priors[one])

@@ -81,7 +81,7 @@ class Search(NamedTuple):
     @property
     def named(self) -> list[Effect]:
         """The effects of the fit that are named."""
-        return [effect for effect, _, _ in fitted_effects(self.fit)][len(self.base.model.effects) :]
+        return [effect for effect, _ in fitted_effects(self.fit)][len(self.base.model.effects) :]
 
     @property
     def deviance(self) -> float:
@@ -166,11 +166,11 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         if wanted in tried:  # each of several sets is the likeliest at the fit with another
             break
         tried.add(wanted)
-        fitted = _fit_named(c, known, weighed.problem, members)
+        fitted = _fit(c, known, start_from(weighed.problem, members))
         if fitted is None and len(members) > 1:  # far from the truth a set may be likely that has no fit
             members = weighed.likeliest_of(members)
             wanted = frozenset(_name(member) for member in members)
-            fitted = None if wanted == names else _fit_named(c, known, weighed.problem, members)
+            fitted = None if wanted == names else _fit(c, known, start_from(weighed.problem, members))
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
             alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
             if alone is not None and len(alone.touches) == len(c.touches):
@@ -179,7 +179,7 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
             has_curve = not all(member.effect.is_physical for member in members)
             excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
             continue
-        wrong = {effect.label for effect, values, _ in fitted_effects(fitted.fit) if not effect.is_plausible(values)}
+        wrong = {effect.label for effect, values in fitted_effects(fitted.fit) if not effect.is_plausible(values)}
         excluded |= wrong
         if not wrong:
             weighed, names = weigh(fitted, known), wanted
@@ -199,22 +199,10 @@ def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> Mixed
     fit = model.fit
     if fit.force_error > c.force_error + c.noise.force_rms:
         return None
-    if all(effect.is_physical for effect, _, _ in fitted_effects(fit)):
+    if all(effect.is_physical for effect, _ in fitted_effects(fit)):
         return model
     before = replace(c, used=fit.used)
     return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
-
-
-def _fit_named(
-    c: Calibration, known: Sequence[Effect], problem: Problem, members: Sequence[Candidate]
-) -> MixedModel | None:
-    """The mixed model with effects named, begun where they fit the linear problem best (`start_from`) or, as large ones
-    are not linear, at a quarter of the way.
-    """
-    is_large = c.p_value < STRICT_SIGNIFICANCE or all(member.effect.is_physical for member in members)
-    steps = (1.0, 0.25) if is_large else (1.0,)
-    starts = (start_from(problem, members, step) for step in steps)
-    return next(filter(None, (_fit(c, known, start) for start in starts)), None)
 
 
 def _name(member: Candidate) -> tuple[str, float]:
@@ -222,20 +210,14 @@ def _name(member: Candidate) -> tuple[str, float]:
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
 
 
-def start_from(problem: Problem, members: Sequence[Candidate], step: float = 1.0) -> ExtendedModel:
-    """L̄ and effects that fit the linear problem best, to start from.
-
-    Args:
-        problem: the touches.
-        members: the effects.
-        step: part of the way from a model without the effects.
-    """
+def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
+    """L̄ and effects that fit the linear problem of the touches best, to start from."""
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
     scale = np.linalg.norm(together, axis=0)
     scale[scale == 0] = 1.0
     projected = (together - problem.base @ (problem.base.T @ together)) / scale
-    found = -step * np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
+    found = -np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
     parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
     values = [member.trial.values(part) for member, part in zip(members, parts, strict=True)]
     moved = problem.without_effects + problem.response @ together @ found
@@ -264,7 +246,7 @@ def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_norma
         with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
             if len(usual.touches) == len(c.touches):
-                found.append(identify(replace(usual, cell=c.cell, noise_source='estimated'), known))
+                found.append(identify(replace(usual, cell=c.cell), known))
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
@@ -290,7 +272,7 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
         labels: of the effects to name.
     """
     model, base = found.fit.model, replace(found.base, used=found.fit.used)
-    turned = {effect.name for effect, _, _ in fitted_effects(base) if effect.off_normal_std}
+    turned = {effect.name for effect, _ in fitted_effects(base) if effect.off_normal_std}
     known = [effect for effect in known if effect.name not in turned]
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
     for label in labels:  # rivals together would start at large values of opposite sign: at zero
@@ -312,7 +294,7 @@ def _is_robot(fit: Calibration) -> bool:
 
 def _is_radial(found: Search) -> bool:
     """Whether a model fits without a fitted curve and without off-normal angles beyond noise."""
-    physical = all(effect.is_physical for effect, _, _ in fitted_effects(found.fit))
+    physical = all(effect.is_physical for effect, _ in fitted_effects(found.fit))
     fits = found.fit.noise_source != 'given' or found.fit.p_value >= STRICT_SIGNIFICANCE
     return physical and fits and off_normal_p_value(found.fit) > FRICTION_SIGNIFICANCE
 
@@ -327,7 +309,7 @@ def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Sea
         with_angles = fit_with_off_normal(c)
     except UnsupportedDataError:
         return []
-    friction = next(effect for effect, _, _ in fitted_effects(with_angles) if effect.off_normal_std)
+    friction = next(effect for effect, _ in fitted_effects(with_angles) if effect.off_normal_std)
     found = identify(with_angles, [effect for effect in known if effect.name != friction.name])
     others = tuple(effect for effect in found.fit.model.effects if not effect.off_normal_std)
     without = replace(found.fit, model=found.fit.model.with_effects(others))
@@ -366,12 +348,12 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
     sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
     """
     named = [item for item in fitted_effects(fit) if item[0].label not in fit.held_effects]
-    if not any(effect.grid_parameter for effect, _, _ in named):
+    if not any(effect.grid_parameter for effect, _ in named):
         return ()
     problem, found = pose_problem(fit), []
-    candidates = [as_fitted(problem, effect, values) for effect, values, _ in named]
+    candidates = [as_fitted(problem, effect, values) for effect, values in named]
     scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
-    for number, (effect, values, _) in enumerate(named):
+    for number, (effect, values) in enumerate(named):
         at = problem.touch_state
         trials = effect.trials(at, problem.force) if effect.grid_parameter else ()
         if len(trials) < 2 or any(f'{effect.label}.{p.name}' in fit.fixed for p in effect.parameters):

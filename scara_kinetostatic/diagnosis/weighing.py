@@ -143,7 +143,7 @@ class Weighed(NamedTuple):
         found, alone = found[: len(named)], found[len(named) :]
         now, less = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), np.zeros((len(lift),) * 2)
         if fit.used.sum() > len(self.problem.force):  # some touches say how the sets differ, all where the fit is
-            of_fit = {effect.label for effect, _, _ in fitted_effects(fit)}
+            of_fit = {effect.label for effect, _ in fitted_effects(fit)}
             first = max(range(len(named)), key=lambda k: (named[k] == of_fit, weight[k]))
             now, less = found[first].mean, found[first].covariance - fit.covariance_with_errors / fit.enlargement
         undetected = np.tensordot(weight, [a.covariance - b.covariance for a, b in zip(found, alone, strict=True)], 1)
@@ -222,7 +222,7 @@ def _gross_columns(
     c, arm = problem.calibration, problem.calibration.cell.uncertainty.effects.arm
     size, declared = len(c.model.names), c.observe().declared
     labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
-    fitted = {effect: len(values) for effect, values, _ in fitted_effects(c) if len(values)}
+    fitted = {effect: len(values) for effect, values in fitted_effects(c) if len(values)}
     units = [trial_units(item.effect, item.trial, arm) for item in candidates]
     for item, unit in zip(candidates, units, strict=True):
         if item.effect not in fitted:  # what the arm contains of an effect counts where it is named
@@ -252,7 +252,7 @@ def _small_columns(
     width = np.concatenate([np.ones(len(c.errors)), model.typical])
     is_declared = np.concatenate([np.ones(len(c.errors), dtype=bool), ~model.is_free])
     parts = [_Columns(by_errors * width, np.pad(np.diag(width), ((size, 0), (0, 0))), is_declared)]
-    fitted, declared = {effect for effect, values, _ in fitted_effects(c) if len(values)}, c.observe().declared
+    fitted, declared = {effect for effect, values in fitted_effects(c) if len(values)}, c.observe().declared
     for effect, at in effects:
         own = _errors_of(effect, declared, np.zeros(0, dtype=np.intp))
         if effect not in fitted or c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or len(own):

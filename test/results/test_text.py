@@ -114,7 +114,8 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
 
 
 def test_noise_in_words(plain: Outcome) -> None:
-    calibration = replace(plain.calibration, noise=Noise(1e-5, (0.4, 0.1), 0.012), noise_source='given')
+    noise = Noise(1e-5, (0.4, 0.1), 0.012)
+    calibration = replace(plain.calibration, noise=noise, cell=replace(plain.calibration.cell, noise=noise))
     words = '10 µrad per joint and 0.4 and 0.1 N per force component, in addition 1.2 % of the force, given by the cell'
     assert messages.noise(replace(plain, calibration=calibration)).startswith(words)
 
