@@ -166,7 +166,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     from contextlib import suppress
 
     from scara_kinetostatic.model.parameters import quantity
-    from scara_kinetostatic.planning.prediction import Robot, Statement
+    from scara_kinetostatic.planning.prediction import RobotModel, Statement
     from scara_kinetostatic.planning.report import statement_sentences
 
     cell, found = planner.arm.cell, planned.uncertainty
@@ -178,7 +178,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     tolerance = '' if cell.tolerance is None else f'; tolerance {quantity(cell.tolerance, "m")}'
     predicted, more = found.planned, list[str]()
     if found.now is None:  # no calibration says yet how small the errors are that it does not detect
-        robot = Robot.of(cell, planner.arm.model.parameters, planner.arm.noise)
+        robot = RobotModel.of(cell, planner.arm.model.parameters, planner.arm.noise)
         with suppress(UnsupportedDataError):  # so few touches allow none
             statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
             predicted, more = statement.expanded, statement_sentences(statement, many)

@@ -6,9 +6,9 @@ nominal one, decides on which flank of the backlash the joint rests, and the pre
 made. Under gravity, where that depends on the force, too, the calibration leaves touches out whose torques have no sure
 sign.
 
-For the choice alone every parameter has a prior: its plausible range (`Robot.scales`) as standard deviation. It keeps
-all matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
-numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior of
+For the choice alone every parameter has a prior: its plausible range (`RobotModel.scales`) as standard deviation. It
+keeps all matrices regular, does not change what touches determine well, and bounds what they do not determine. The
+reported numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior of
 another kind: it holds in the calibration, and in every number.
 
 **Choice.** One criterion: tr(L C), with C the covariance with the touches chosen, and L = Σ λ_g T_gᵀT_g the tip's
@@ -61,7 +61,7 @@ from scara_kinetostatic.assessment.grade import Limits
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.planning.prediction import Robot, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 LEAST_ARM = 0.02
@@ -73,7 +73,7 @@ PRELOAD = 0.3
 
 
 class CandidateTouches(NamedTuple):
-    """Candidates and the tip whose variance counts; L̄ in `Robot.scales`, then m declared errors in their own units.
+    """Candidates and the tip whose variance counts; L̄ in `RobotModel.scales`, then m declared errors in theirs.
 
     Attributes:
         plan: the n candidates.
@@ -126,7 +126,7 @@ def _inverse(information: Floats) -> Floats:
 
 
 def candidate_plan(
-    robot: Robot,
+    robot: RobotModel,
     levels: Sequence[float],
     postures: Sequence[int] = (1, -1),
     per_disc: int = PER_DISC,
@@ -158,7 +158,7 @@ def candidate_plan(
     return Plan.joined([replace(plan, preload=np.full(len(plan), part)) for plan in chosen for part in eased])
 
 
-def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = False) -> CandidateTouches:
+def prepare_candidates(robot: RobotModel, plan: Plan, tip: Floats, *, mean: bool = False) -> CandidateTouches:
     """Candidates from a plan.
 
     Args:
@@ -181,7 +181,7 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = Fa
     return CandidateTouches(plan, derivative, information, rows, quadric, prior)
 
 
-def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
+def declared_rows(robot: RobotModel) -> tuple[Floats, Floats]:
     """Units of all values and the declared errors, (12 + k + m,), and in them the rows of the prior of these; values of
     effects in their plausible sizes.
     """
@@ -205,7 +205,7 @@ error is 0.85 times the predicted one, and scatters by a sixth.
 """
 
 
-def held_out_ratio(robot: Robot, plan: Plan, folds: int = 5, divisions: int = 20) -> float:
+def held_out_ratio(robot: RobotModel, plan: Plan, folds: int = 5, divisions: int = 20) -> float:
     """Force error on touches not seen, in that of the fit to all touches of a plan.
 
     Args:
@@ -321,7 +321,7 @@ def checked(candidates: CandidateTouches, chosen: list[int]) -> list[int]:
     return chosen
 
 
-def without_each(robot: Robot, plan: Plan, tip: Floats) -> Floats:
+def without_each(robot: RobotModel, plan: Plan, tip: Floats) -> Floats:
     """Largest standard deviation of the tip without each touch of a plan, (n,), m."""
     of_plan = prepare_candidates(robot, plan, tip)
     together = of_plan.information_of(range(len(plan)))

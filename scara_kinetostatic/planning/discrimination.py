@@ -47,7 +47,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
-from scara_kinetostatic.planning.prediction import Robot, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 _MOST_SETS = 8
@@ -86,7 +86,7 @@ class Rivals(NamedTuple):
         covariance: C of each, (s, v, v).
     """
 
-    robot: Robot
+    robot: RobotModel
     labels: tuple[tuple[str, ...], ...]
     probability: Floats
     share: float
@@ -103,7 +103,7 @@ class Rivals(NamedTuple):
         sizes = () if c.random is None else tuple(c.random.size.tolist())
         effects = tuple(effect for effect in c.model.effects if isinstance(effect, Effect))
         last = float(c.touches.time.max())
-        robot = Robot(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
+        robot = RobotModel(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
         labels, probability, change, covariance = zip(*likely[:_MOST_SETS], strict=True)
         weight = np.array(probability)
         share = float(weight.sum())

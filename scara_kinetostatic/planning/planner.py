@@ -60,8 +60,8 @@ from scara_kinetostatic.planning.candidate_touches import (
     prepare_candidates,
 )
 from scara_kinetostatic.planning.discrimination import DecidingTouches, Forecast, Rivals, decide
-from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, short_order
-from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
+from scara_kinetostatic.planning.motion import Roadmap, Space, Waypoints, Ways, short_order
+from scara_kinetostatic.planning.prediction import RobotModel, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
 
 UNSUSPECTED = 0.01
@@ -74,7 +74,7 @@ _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 
 
-class Uncertainty(NamedTuple):
+class TipForecast(NamedTuple):
     """The largest expanded uncertainty (95 %) of the tip over the region, m.
 
     Attributes:
@@ -141,11 +141,11 @@ class PlannedTouches(NamedTuple):
 
     plan: Plan
     reasons: list[str]
-    approach: Poses
+    approach: Waypoints
     ways: Ways
     order: list[int]
     left_out: list[str]
-    uncertainty: Uncertainty
+    uncertainty: TipForecast
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,11 +205,11 @@ class Planner:
         return cls(final.arm, now, touches, suspected, given_up, undetected, sizes, limit, rivals, choice)
 
     @cached_property
-    def robot(self) -> Robot:
+    def robot(self) -> RobotModel:
         """The robot, its effects those found and those undecided."""
         model, cell = self.arm.model, self.arm.cell
         own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
-        declared, labels = Robot.of(cell).declared, {effect.label for effect in own}
+        declared, labels = RobotModel.of(cell).declared, {effect.label for effect in own}
         known = labels | (set(declared.places if declared else ()) - self.suspected)  # declared, but rather a mistake
         lasting = (effect for effect in catalogue(cell) if effect.is_physical and not effect.is_stepwise)
         undecided = [effect for effect in lasting if effect.label not in known]
@@ -224,7 +224,7 @@ class Planner:
                 size[effect.grid_parameter_index] = 0.0
             sizes.append(size)
         flat = tuple(np.concatenate([*sizes, []]).tolist())
-        return Robot(cell, model.parameters, self.arm.noise, (), effects, tuple(values), flat)
+        return RobotModel(cell, model.parameters, self.arm.noise, (), effects, tuple(values), flat)
 
     @cached_property
     def _in_doubt(self) -> Indices:
@@ -278,10 +278,10 @@ class Planner:
         """The ways in it."""
         return Roadmap(self.space)
 
-    def approach(self, plan: Plan) -> Poses:
+    def approach(self, plan: Plan) -> Waypoints:
         """Where the tip begins to approach each touch."""
         off = self.space.clearance + 1e-3
-        return Poses(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
+        return Waypoints(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
 
     def problems(self, plan: Plan) -> list[str]:
         """Why each touch of a plan cannot be made; empty where it can."""
@@ -289,13 +289,13 @@ class Planner:
         contact, normal = plan.contact(cell), plan.normal(cell)
         deep = contact - cell.touch.search * normal
         # where the largest force drags the rigid tip
-        joints, force = self.space.joints(Poses(contact, plan.posture)), (1 + plan.preload) * plan.force
+        joints, force = self.space.joints(Waypoints(contact, plan.posture)), (1 + plan.preload) * plan.force
         moved = jacobian(p, joints) @ press_aside(p, joints, -force[:, None] * normal, plan.aside)[..., None]
         end, slid = contact + moved[..., 0], np.abs((moved[..., 0] * quarter_turn(normal)).sum(axis=1))
-        stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Poses(deep, plan.posture)))
+        stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Waypoints(deep, plan.posture)))
         moves: Mask = np.asarray(stands.all(axis=1))
         moves[moves] = self.space.keeps_limits(start.select(moves), deep[moves])
-        moves &= ~self.space.beyond_limits(Poses(end, plan.posture)).any(axis=1)
+        moves &= ~self.space.beyond_limits(Waypoints(end, plan.posture)).any(axis=1)
         clear = self.space.is_clear(start.tip, deep, but=plan.disc)
         clear &= self.space.is_clear(contact, end, but=plan.disc)
         good = np.flatnonzero(moves & clear)
@@ -420,7 +420,7 @@ class Planner:
         at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(candidates, chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 
-    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> Uncertainty:
+    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> TipForecast:
         """Of the tip by the arm's own model, without what is undecided."""
         count = self._values
         kept = np.r_[:count, len(self.robot.model.names) : len(candidates.prior)]
@@ -447,7 +447,7 @@ class Planner:
             many = float(np.hypot(alone, left))
             if left > alone:
                 limit, share = 'the choice between possible causes', (left / many) ** 2
-        return Uncertainty(self.now, planned, many, limit, share, undetected)
+        return TipForecast(self.now, planned, many, limit, share, undetected)
 
     def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""
