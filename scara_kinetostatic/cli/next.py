@@ -30,8 +30,7 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.planning.discrimination import DecidingTouches
-    from scara_kinetostatic.planning.planner import PlannedTouches, Planner
+    from scara_kinetostatic.planning.planner import DecidingTouches, PlannedTouches, Planner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

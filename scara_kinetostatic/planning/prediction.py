@@ -44,6 +44,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Column
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
+from scara_kinetostatic.gaussian.linear_model import leverage
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -282,14 +283,13 @@ def predict(robot: RobotModel, plan: Plan, number: int | None = None) -> Predict
     groups = group_names(unidentifiable, parameters, ExtendedModel(robot.parameters))
     std = np.sqrt(np.diag(own))
     std[[name in {member for group in groups for member in group} for name in robot.parameters.names]] = np.nan
-    hat = np.einsum('nik,kl,njl->nij', w.jacobian, covariance, w.jacobian, optimize=True)
     return Prediction(
         touches=number or len(plan),
         covariance=own,
         std=std,
         motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
-        leverage=np.linalg.eigvalsh(hat)[:, -1],
+        leverage=leverage(w.jacobian, covariance),
         together=covariance,
         declared=robot.declared,
     )

@@ -18,7 +18,6 @@ from scara_kinetostatic.planning.candidate_touches import (
     checked,
     choose,
     largest_variance,
-    leverages,
     prepare_candidates,
     variance_with_each,
     without_each,
@@ -93,16 +92,16 @@ def test_no_exchange_gains_and_no_other_set_is_better(judged, some):
 def test_a_touch_that_no_other_checks_gets_others(judged):
     low = judged.plan.force < 40.0  # a single touch of another level separates p_ee from g_ee alone
     chosen = [*np.flatnonzero(~low)[:60:4].tolist(), int(np.flatnonzero(low)[0])]
-    assert leverages(judged, chosen)[-1] > MOST_LEVERAGE
+    assert judged.leverages(chosen)[-1] > MOST_LEVERAGE
     more = checked(judged, chosen)
     assert more[: len(chosen)] == chosen and len(more) < len(chosen) + 10
-    assert leverages(judged, more).max() <= MOST_LEVERAGE
+    assert judged.leverages(more).max() <= MOST_LEVERAGE
     assert checked(judged, more) == more
 
 
 def test_leverage_bounds_what_a_loss_does(candidates, some):
     """√(1 / (1 - λ)) bounds the growth of every standard deviation, with and without a touch that matters."""
-    own, c = leverages(candidates, some), candidates.information_of(some)
+    own, c = candidates.leverages(some), candidates.information_of(some)
     for k, touch in enumerate(some):
         before, after = (np.diag(np.linalg.inv(part)) for part in (c, c - candidates.information[touch]))
         assert np.sqrt((after / before).max()) <= 1 / np.sqrt(1 - own[k]) + 1e-9
