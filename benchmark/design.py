@@ -37,7 +37,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.optimal_design import Design, Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import RobotModel, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -71,7 +71,7 @@ def estimates(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tup
 
 def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[str, object]:
     """Predicted against scattered, for a robot that is `truth`."""
-    robot = Robot.of(CELL, truth)
+    robot = RobotModel.of(CELL, truth)
     tip = tip_in_use(robot, 40.0)[:, :1]
     predicted = predict(robot, plan)
     errors, rejected, lower_rank = estimates(truth, plan, number, balanced)
@@ -108,7 +108,7 @@ def grades(truth: Parameters, plan: Plan, number: int) -> dict[str, object]:
 def stated(number: int) -> dict[str, object]:
     """What calibrations of robots with small errors state of the tip, by what the design expects."""
     cell = replace(PAPER_CELL, discs=PAPER_DISCS, noise=NOISE)
-    designed = optimal_design(Robot.of(cell), Requirements(accuracy=1e-5))
+    designed = optimal_design(RobotModel.of(cell), Requirements(accuracy=1e-5))
     sizes = {effect: SIZES.get(effect.label, SIZES.get(effect.name)) for effect in catalogue(cell)}
     known, ratios, verdicts = [effect for effect, size in sizes.items() if size is not None], [], Counter[str]()
     for seed in range(4000, 4000 + number):
@@ -131,8 +131,8 @@ def main() -> int:
     options_of.add_argument('--robots', type=int, default=20, help='with small errors, whose statements are compared')
     options = options_of.parse_args()
     requirements = Requirements(accuracy=1e-5)
-    expected: Design = optimal_design(Robot.of(CELL, PAPER_ACTUAL), requirements)
-    nominal: Design = optimal_design(Robot.of(CELL), requirements)
+    expected: Design = optimal_design(RobotModel.of(CELL, PAPER_ACTUAL), requirements)
+    nominal: Design = optimal_design(RobotModel.of(CELL), requirements)
     cases = {'recommended for table 2': expected, 'recommended for the nominal robot': nominal}
     result: dict[str, object] = {'runs': options.number, 'sampling_error': 1 / np.sqrt(2 * (options.number - 1))}
     for name, designed in cases.items():

@@ -35,7 +35,7 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.comparison import compare
 from scara_kinetostatic.monitoring.drift import DriftMonitor
-from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
+from scara_kinetostatic.monitoring.linear import CalibratedState, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
 from scara_kinetostatic.touches.detection import Detection
@@ -172,8 +172,8 @@ def _drift(record: CalibrationRecord, cell: Cell, name: str, seed: int) -> Drift
 
 def _bounds(record: CalibrationRecord, touches: TouchSet, place: int, monitor: DriftMonitor) -> dict[str, float]:
     """Power of the best test, and of the best one that names, from no touches before the change."""
-    state = State.of(record)
-    matrix = Evidence.of(Information.of(measure(touches, record, state)), state.covariance).matrix
+    state = CalibratedState.of(record)
+    matrix = state.known.change(measure(touches, record, state).information()).matrix
     size = CHANGE * np.sqrt(record.covariance[place, place]) / state.scale[place]
     single = [h.places[0] for h in monitor.hypotheses if len(h.places) == 1 and h.places[0] != place]
     known = [other for other in single if matrix[other, other] > 0]

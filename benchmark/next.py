@@ -46,7 +46,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import prepare_candidates
 from scara_kinetostatic.planning.planner import Planner
-from scara_kinetostatic.planning.prediction import Robot, tip_in_use
+from scara_kinetostatic.planning.prediction import RobotModel, tip_in_use
 from scara_kinetostatic.planning.program import next_files
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -79,7 +79,7 @@ class Case(NamedTuple):
     """
 
     planner: Planner
-    truth: Robot
+    truth: RobotModel
     tip: Floats
 
     def expanded(self, plan: Plan) -> float:
@@ -137,7 +137,7 @@ def case(seed: int) -> Case:
         cell = planner.arm.cell
         try:
             reached = len(np.unique(planner.candidates.plan.disc))
-            truth = Robot.of(cell, true_robot(cell, random))
+            truth = RobotModel.of(cell, true_robot(cell, random))
             tip = tip_in_use(truth, float(np.mean(cell.touch.force)))
         except ScaraKinetostaticError:
             continue

@@ -29,7 +29,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.planning import report as design_pictures
 from scara_kinetostatic.planning.optimal_design import optimal_design
-from scara_kinetostatic.planning.prediction import Robot
+from scara_kinetostatic.planning.prediction import RobotModel
 from scara_kinetostatic.report.figure import FAINT, SERIES, as_svg, new_figure, style
 from scara_kinetostatic.results import figures
 from scara_kinetostatic.simulation.plan import default_plan
@@ -65,7 +65,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
     yield 'figure_3', paper_pictures.trend_picture(reproduce(2))
-    design = optimal_design(Robot.of(CELL))
+    design = optimal_design(RobotModel.of(CELL))
     yield 'number_of_touches', design_pictures.number_picture(design)
     gripper = analyse_runs(simulate_experiments())[0]['gripper']
     yield 'gripper_backlash', map_picture(gripper, 'gap', 'gap')

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
         UnsupportedDataError: the accuracy is out of reach.
     """
     from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-    from scara_kinetostatic.planning.prediction import Robot
+    from scara_kinetostatic.planning.prediction import RobotModel
     from scara_kinetostatic.planning.report import design_document, design_report, plan_text
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
@@ -82,6 +82,6 @@ def run(args: argparse.Namespace) -> None:
         under_load=args.under_load,
     )
     with progress() as show_progress:
-        design = optimal_design(Robot(cell, expected, noise, assumed), requirements, show_progress)
+        design = optimal_design(RobotModel(cell, expected, noise, assumed), requirements, show_progress)
     plan = {'plan.yaml': plan_text(design)}
     print_report(args, 'design', design_report(design), design_document(design), plan)

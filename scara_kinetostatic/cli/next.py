@@ -30,8 +30,7 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.planning.discrimination import DecidingTouches
-    from scara_kinetostatic.planning.planner import PlannedTouches, Planner
+    from scara_kinetostatic.planning.planner import DecidingTouches, PlannedTouches, Planner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -166,7 +165,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     from contextlib import suppress
 
     from scara_kinetostatic.model.parameters import quantity
-    from scara_kinetostatic.planning.prediction import Robot, Statement
+    from scara_kinetostatic.planning.prediction import RobotModel, Statement
     from scara_kinetostatic.planning.report import statement_sentences
 
     cell, found = planner.arm.cell, planned.uncertainty
@@ -178,7 +177,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     tolerance = '' if cell.tolerance is None else f'; tolerance {quantity(cell.tolerance, "m")}'
     predicted, more = found.planned, list[str]()
     if found.now is None:  # no calibration says yet how small the errors are that it does not detect
-        robot = Robot.of(cell, planner.arm.model.parameters, planner.arm.noise)
+        robot = RobotModel.of(cell, planner.arm.model.parameters, planner.arm.noise)
         with suppress(UnsupportedDataError):  # so few touches allow none
             statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
             predicted, more = statement.expanded, statement_sentences(statement, many)

@@ -34,13 +34,15 @@ from scipy.special import erfc
 
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.gaussian.information import Information
+from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
-from scara_kinetostatic.monitoring.linear import Evidence, Information, State, described_otherwise, measure, p_values
+from scara_kinetostatic.monitoring.linear import CalibratedState, described_otherwise, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
@@ -190,7 +192,7 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
     known, held = both if len(only_before) >= len(only_after) else both[::-1]
     known = _known_there(known, held)
-    state = State.of(known, held.arm.cell, _by_undetected(*both, known))
+    state = CalibratedState.of(known, held.arm.cell, _by_undetected(*both, known))
     evidence = _evidence(known, held, state)
     if held is before:  # the change from it is asked for
         evidence = evidence._replace(score=-evidence.score)
@@ -233,10 +235,10 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     )
 
 
-def _evidence(known: CalibrationRecord, held: CalibrationRecord, state: State) -> Evidence:
+def _evidence(known: CalibrationRecord, held: CalibrationRecord, state: CalibratedState) -> Information:
     """What the touches of a calibration, with its noise, say of a change since another one."""
     model = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
-    return Evidence.of(Information.of(measure(held.touches, model, state)), state.covariance)
+    return state.known.change(measure(held.touches, model, state).information())
 
 
 def _difference(name: str, both: Sequence[CalibrationRecord]) -> float:
@@ -250,7 +252,7 @@ def _is_fixed(name: str, both: Sequence[CalibrationRecord]) -> bool:
     return all(name in record.fixed or name in record.arm.model.held for record in both)
 
 
-def _undetermined(both: Sequence[CalibrationRecord], state: State) -> Floats:
+def _undetermined(both: Sequence[CalibrationRecord], state: CalibratedState) -> Floats:
     """Directions of the state that one of two calibrations does not determine, in units of its scale, (p, u)."""
     columns = []
     for record in both:

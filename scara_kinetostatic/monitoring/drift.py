@@ -2,8 +2,8 @@
 
 With the state x of `linear` and the calibration's knowledge δ ~ N(0, C₀) before touch 1, the knowledge after touch τ is
 N(m_τ, C_τ). A change d after touch τ is tested by what the touches τ+1 … t add: the likelihood ratio statistic T of
-`linear.Evidence`. This is a CUSUM whose increments are the innovations of a Kalman filter and whose start τ and size d
-are those that maximise it (generalised likelihood ratio):
+`Information`. This is a CUSUM whose increments are the innovations of a Kalman filter and whose start τ and size d are
+those that maximise it (generalised likelihood ratio):
 
     G_t = max over τ, max over the values x_j, of T_j(τ, t).
 
@@ -28,10 +28,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.gaussian.information import Gaussian, Information
+from scara_kinetostatic.gaussian.linear_model import as_rare
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Hypothesis, change_title, hypotheses_of, ranked, rivals
-from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, as_rare, measure
+from scara_kinetostatic.monitoring.linear import LINEAR, CalibratedState, Measured, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import Document
 
@@ -84,14 +85,12 @@ class _Start(NamedTuple):
 
     Attributes:
         touch: how many touches came before.
-        mean: m, (p,).
-        covariance: C, (p, p).
+        known: m and C.
         since: of the touches since, their residuals bounded.
     """
 
     touch: int
-    mean: Floats
-    covariance: Floats
+    known: Gaussian
     since: Information
 
 
@@ -115,7 +114,7 @@ class DriftMonitor:
 
     def __init__(self, record: CalibrationRecord) -> None:
         self.record = record
-        self.state = State.of(record)
+        self.state = CalibratedState.of(record)
         self.threshold = as_rare(THRESHOLD, 1, record.noise_freedoms)
         self.reset()
 
@@ -129,9 +128,9 @@ class DriftMonitor:
         self._raised: int | None = None
         self._objects: frozenset[int] = frozenset()
         self.hypotheses = hypotheses_of(self.state, ())  # of objects those that have been touched
-        self._mean, self._covariance = np.zeros(size), self.state.covariance
         nothing = Information(np.zeros((size, size)), np.zeros(size))
-        self._from_calibration = _Start(0, self._mean, self._covariance, nothing)
+        self._known = self.state.known
+        self._from_calibration = _Start(0, self.state.known, nothing)
         self._starts: list[_Start] = []
         self._latest: tuple[Measured, ...] = ()
 
@@ -163,19 +162,16 @@ class DriftMonitor:
         if disc not in self._objects:
             self._objects |= {disc}
             self.hypotheses = hypotheses_of(self.state, sorted(self._objects))
-        self.last_distance = float(np.sqrt(touch.chi_squares(self._covariance, self._mean)[0]))
+        self.last_distance = float(np.sqrt(touch.chi_squares(self._known)[0]))
         jacobian = touch.jacobian[0]
-        expected = jacobian @ self._mean
+        expected = jacobian @ self._known.mean
         bounded = (touch.residual[0] - expected) * min(1.0, LARGEST_RESIDUAL / max(self.last_distance, 1e-12))
         self._latest = (*self._latest[1 - MEMORY :], touch)
-        found, kept = Information.of(touch._replace(residual=(expected + bounded)[None])), self._from_calibration
+        found, kept = touch._replace(residual=(expected + bounded)[None]).information(), self._from_calibration
         earlier = [start._replace(since=start.since.plus(found)) for start in self._starts[1 - WINDOW :]]
-        self._starts = [*earlier, _Start(self.count, self._mean, self._covariance, found)]
+        self._starts = [*earlier, _Start(self.count, self._known, found)]
         self._from_calibration = kept._replace(since=kept.since.plus(found, 1 - 1 / MEMORY))
-        spread = np.eye(2) + jacobian @ self._covariance @ jacobian.T
-        gain = np.linalg.solve(spread, jacobian @ self._covariance).T
-        covariance = self._covariance - gain @ spread @ gain.T
-        self._mean, self._covariance = self._mean + gain @ bounded, (covariance + covariance.T) / 2
+        self._known = self._known.conditioned(jacobian, bounded)
         self.count += 1
         return self._evaluate(named)
 
@@ -186,10 +182,7 @@ class DriftMonitor:
         for start in (self._from_calibration, *self._starts):
             if self.count - start.touch < FEWEST:
                 continue
-            evidence = Evidence.of(start.since, start.covariance, start.mean)
-            score, diagonal = evidence.score[single], np.diag(evidence.matrix)[single]
-            known = diagonal > 1e-9 * np.diag(evidence.matrix).max(initial=0.0)
-            statistic = float((score[known] ** 2 / diagonal[known]).max(initial=0.0))
+            statistic = start.known.change(start.since).largest_single(single)
             if statistic > self.statistic:
                 self.statistic, best = statistic, start
         if best is not None and self.statistic > self.threshold:
@@ -204,18 +197,18 @@ class DriftMonitor:
         weight = np.asarray(fading ** np.arange(len(latest.residual))[::-1], dtype=np.float64)
         fewest = 0.8 * len(weight)
         while True:
-            evidence = Evidence.of(Information.of(latest, weight), start.covariance, start.mean)
+            evidence = start.known.change(latest.information(weight))
             ranking = ranked(self.hypotheses, evidence, self.state)
-            mean, places = start.mean.copy(), list(ranking[0].places)
+            mean, places = start.known.mean.copy(), list(ranking[0].places)
             mean[places] += np.array(ranking[0].change) / self.state.scale[places]
-            left = np.where(weight > 0, latest.chi_squares(start.covariance, mean), 0.0)
+            left = np.where(weight > 0, latest.chi_squares(start.known._replace(mean=mean)), 0.0)
             usual = float(np.median(left[weight > 0]))
             bad = np.argsort(-left)[: int((weight > 0).sum() - fewest)]
             bad = bad[left[bad] > max(BAD, BAD * usual)]
             if not len(bad):
                 break
             weight[bad] = 0.0
-        before = float(np.median(latest.chi_squares(start.covariance, start.mean)[weight > 0]))
+        before = float(np.median(latest.chi_squares(start.known)[weight > 0]))
         explained = usual < max(MOST_REMAINING, LINEAR * before)
         return Alarm(raised, start.touch, self.statistic, ranking[0], rivals(ranking), explained)
 

@@ -1,7 +1,7 @@
 """What may have changed since a calibration: one parameter, or the parameters of one part of robot and cell.
 
 Each hypothesis is that some values of the state changed while all others stayed. It is judged by its likelihood ratio
-statistic T (`linear.Evidence.ratio`) less a penalty per changed value, as Schwarz's criterion has it: a single
+statistic T (`Information.ratio`) less a penalty per changed value, as Schwarz's criterion has it: a single
 parameter is preferred to the part that contains it unless the further values pay.
 """
 
@@ -13,8 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
+from scara_kinetostatic.gaussian.information import Information
+from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
-from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
+from scara_kinetostatic.monitoring.linear import LINEAR, CalibratedState
 from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 
 PENALTY = 4.0
@@ -99,7 +101,7 @@ def change_title(name: str) -> str:
     return _TITLES.get(kind, words).format(target.rstrip(']'))
 
 
-def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[Hypothesis, ...]:
+def hypotheses_of(state: CalibratedState, objects: Sequence[int] | None = None) -> tuple[Hypothesis, ...]:
     """All hypotheses about a state.
 
     Args:
@@ -129,7 +131,7 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
     return tuple(hypotheses)
 
 
-def ranked(hypotheses: Sequence[Hypothesis], evidence: Evidence, state: State) -> list[Hypothesis]:
+def ranked(hypotheses: Sequence[Hypothesis], evidence: Information, state: CalibratedState) -> list[Hypothesis]:
     """All of them with what they explain of the evidence, the best first."""
     found = []
     for hypothesis in hypotheses:

@@ -7,19 +7,8 @@ At the calibrated model a touch leaves the whitened residual r (two numbers, of 
 The calibration itself says δ ~ N(0, C₀) with its joint covariance C₀: errors of the discs' places within their declared
 uncertainties have moved the parameters, and the same discs touched again are predicted better than either alone says.
 C₀ has zero rows for what was fixed or exactly known, and the plausible range of directions that the calibration
-did not determine.
-
-From P = Σ JᵀJ and u = Σ Jᵀr of some touches (`Information`) follow, without an inverse of C₀,
-
-    posterior of δ after these touches:      C = (I + C₀ P)⁻¹ C₀,    m = C u  (plus the earlier mean)
-    evidence for a change d after C, m:      b = (I + P C)⁻¹ (u - P m),    Λ = (I + P C)⁻¹ P,
-    likelihood ratio of a change along D:    T = bᵀD (Dᵀ Λ D)⁻¹ Dᵀb  ~ χ² of rank D if nothing has changed,
-    global chi-square:                       Σ rᵀr - uᵀ C u - …      ~ χ² of 2n.
-
-Numbers are scaled by plausible sizes of each value, so that matrices are well conditioned.
-
-Sources: Willsky and Jones, IEEE Trans. Automatic Control 21 (1976) 108 (generalised likelihood ratio of a jump); Kalman
-filter in information form, Bar-Shalom, Li and Kirubarajan (2001).
+did not determine. What follows is `gaussian.information`. Numbers are scaled by plausible sizes of each value, so that
+matrices are well conditioned.
 
 Touches that a calibration has not seen are tested by r ~ N(0, I + J C₀ Jᵀ). C₀ is the joint covariance with the errors
 of the cell, so that touches on the objects of the calibration are predicted better than touches on new ones.
@@ -27,12 +16,10 @@ of the cell, so that touches on the objects of the calibration are predicted bet
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc, fdtri
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import fitted_surfaces, project
@@ -40,34 +27,13 @@ from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.gaussian.information import Gaussian, Information
+from scara_kinetostatic.gaussian.linear_model import p_values
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-
-
-def p_values(chi_square: Floats | float, freedoms: int, noise_freedoms: float) -> Floats:
-    """Probability of a larger chi-square by chance.
-
-    Args:
-        chi_square: one or several, any shape.
-        freedoms: degrees of freedom of each; without any, 1 is returned.
-        noise_freedoms: those of the noise; infinite where it is known, and the F distribution takes the place of χ².
-    """
-    if not freedoms:
-        return np.ones(np.shape(chi_square))
-    if np.isinf(noise_freedoms):
-        return np.asarray(chdtrc(freedoms, chi_square))
-    return np.asarray(fdtrc(freedoms, noise_freedoms, np.asarray(chi_square) / freedoms))
-
-
-def as_rare(chi_square: float, freedoms: int, noise_freedoms: float) -> float:
-    """What is exceeded as rarely as a chi-square where the noise is known; `noise_freedoms` as in `p_values`."""
-    if np.isinf(noise_freedoms):
-        return chi_square
-    return float(freedoms * fdtri(freedoms, noise_freedoms, 1.0 - chdtrc(freedoms, chi_square)))
-
 
 LINEAR = 0.01
 """Part of a chi-square that a large change leaves as touches are linearised at the calibrated values: (δ / 2 R)² for a
@@ -75,7 +41,7 @@ change δ of the tip on a disc of radius R.
 """
 
 
-class State(NamedTuple):
+class CalibratedState(NamedTuple):
     """What may be off: all values of the model and all errors that a cell can have, declared or not.
 
     Attributes:
@@ -84,7 +50,7 @@ class State(NamedTuple):
         scale: its plausible size, SI, (p,).
         cell: in which every error is declared with a standard uncertainty of one SI unit.
         errors: their estimates by the calibration, (m,), SI.
-        covariance: C₀, in units of `scale`, (p, p).
+        known: δ by the calibration, in units of `scale`.
     """
 
     names: tuple[str, ...]
@@ -92,10 +58,10 @@ class State(NamedTuple):
     scale: Floats
     cell: Cell
     errors: Floats
-    covariance: Floats
+    known: Gaussian
 
     @classmethod
-    def of(cls, record: CalibrationRecord, cell: Cell | None = None, moved: Floats | None = None) -> State:
+    def of(cls, record: CalibrationRecord, cell: Cell | None = None, moved: Floats | None = None) -> CalibratedState:
         """That of a calibration, for touches in a cell.
 
         Errors of objects that the calibration does not know, or knows otherwise, are as the cell declares them.
@@ -122,16 +88,17 @@ class State(NamedTuple):
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
         values, others = len(arm.model.names), described_otherwise(arm.cell, cell)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        known = [k for k, name in enumerate(record.names) if k < values or _target(name) not in others]
-        places = [k if k < values else values + probe.names.index(record.names[k]) for k in known]
-        covariance[np.ix_(places, places)] = (record.covariance + moved @ moved.T)[np.ix_(known, known)]
-        mean[places] = record.values[known]
+        own = [k for k, name in enumerate(record.names) if k < values or _target(name) not in others]
+        places = [k if k < values else values + probe.names.index(record.names[k]) for k in own]
+        covariance[np.ix_(places, places)] = (record.covariance + moved @ moved.T)[np.ix_(own, own)]
+        mean[places] = record.values[own]
         declared = DeclaredErrors.of(cell)
         for name, std in zip(declared.names, declared.units, strict=True) if declared else ():
             if (place := values + probe.names.index(name)) not in places:
                 covariance[place, place] = std**2
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
-        return cls(names, units, scale, probe.cell, mean[values:], covariance / np.outer(scale, scale))
+        known = Gaussian(np.zeros(len(names)), covariance / np.outer(scale, scale))
+        return cls(names, units, scale, probe.cell, mean[values:], known)
 
     @property
     def values(self) -> int:
@@ -180,18 +147,20 @@ class Measured(NamedTuple):
         """Distance of the predicted tip from the circle that it touches, (n,), m."""
         return np.asarray((self.residual * self.normal).sum(axis=1))
 
-    def chi_squares(self, covariance: Floats, mean: Floats | float = 0.0) -> Floats:
+    def information(self, weight: Floats | float = 1.0) -> Information:
+        """What they say of the state together; `weight` of each, (n,)."""
+        return Information.of(self.jacobian, self.residual, weight)
+
+    def chi_squares(self, known: Gaussian) -> Floats:
         """Squared distance of each touch from its prediction by a knowledge of the state, (n,)."""
-        off = self.residual - self.jacobian @ np.broadcast_to(mean, len(covariance))
-        spread = np.eye(2) + self.jacobian @ covariance @ self.jacobian.swapaxes(1, 2)
-        return np.asarray((off * np.linalg.solve(spread, off[:, :, None])[:, :, 0]).sum(axis=1))
+        return known.chi_squares(self.jacobian, self.residual)
 
     def select(self, which: Mask | slice) -> Measured:
         """Some of the touches."""
         return Measured(self.residual[which], self.jacobian[which], self.normal[which])
 
 
-def measure(touches: TouchSet, record: CalibrationRecord, state: State) -> Measured:
+def measure(touches: TouchSet, record: CalibrationRecord, state: CalibratedState) -> Measured:
     """Touches as linear measurements at the calibrated model.
 
     Args:
@@ -220,86 +189,6 @@ def measure(touches: TouchSet, record: CalibrationRecord, state: State) -> Measu
     return Measured(residual, jacobian, whitened_normal(observations, point) * spread)
 
 
-class Information(NamedTuple):
-    """What some touches say of the state.
-
-    Attributes:
-        matrix: P = Σ JᵀJ, (p, p).
-        score: u = Σ Jᵀr, (p,).
-    """
-
-    matrix: Floats
-    score: Floats
-
-    @classmethod
-    def of(cls, measured: Measured, weight: Floats | float = 1.0) -> Information:
-        """That of touches together; `weight` of each, (n,)."""
-        rows = measured.jacobian.reshape(-1, measured.jacobian.shape[2])
-        weighted = (measured.jacobian * np.reshape(weight, (-1, 1, 1))).reshape(rows.shape)
-        return cls(weighted.T @ rows, weighted.T @ measured.residual.ravel())
-
-    def plus(self, other: Information, faded: float = 1.0) -> Information:
-        """With further touches; the earlier ones are multiplied by `faded`."""
-        return Information(faded * self.matrix + other.matrix, faded * self.score + other.score)
-
-
-class Ratio(NamedTuple):
-    """Likelihood ratio of a change of k values.
-
-    Attributes:
-        statistic: T.
-        freedoms: its degrees of freedom.
-        change: estimate, in units of the scale, (k,).
-        std: of the change, (k,); NaN where the touches do not determine it.
-        size_std: of the size of the change, along it.
-    """
-
-    statistic: float
-    freedoms: int
-    change: Floats
-    std: Floats
-    size_std: float
-
-
-class Evidence(NamedTuple):
-    """What touches say of a change of the state, given an earlier knowledge of it.
-
-    Attributes:
-        score: b, (p,).
-        matrix: Λ, its covariance if nothing has changed, (p, p).
-    """
-
-    score: Floats
-    matrix: Floats
-
-    @classmethod
-    def of(cls, found: Information, covariance: Floats, mean: Floats | float = 0.0) -> Evidence:
-        """Of a change after `covariance` and `mean` of the state were known."""
-        size = len(found.score)
-        off = found.score - found.matrix @ np.broadcast_to(mean, (size,))
-        right = np.concatenate([found.matrix, off[:, None]], axis=1)
-        solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
-        return cls(solved[:, size], (solved[:, :size] + solved[:, :size].T) / 2)
-
-    def beside(self, columns: Floats) -> Evidence:
-        """What is independent of changes along columns, (p, k), in units of the scale."""
-        along = self.matrix @ columns
-        inverse = np.linalg.pinv(columns.T @ along, rcond=1e-9, hermitian=True)
-        matrix = self.matrix - along @ inverse @ along.T
-        return Evidence(self.score - along @ inverse @ (columns.T @ self.score), (matrix + matrix.T) / 2)
-
-    def ratio(self, places: Sequence[int] | Indices) -> Ratio:
-        """Of a change of some values; directions of which the touches say nothing do not count."""
-        where = list(places)
-        values, vectors = np.linalg.eigh(self.matrix[np.ix_(where, where)])
-        kept = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        change, std = root @ (root.T @ self.score[where]), np.linalg.norm(root, axis=1)
-        std[np.linalg.norm(vectors[:, ~kept], axis=1) > std] = np.nan  # by its plausible size, one unit
-        size_std = float(np.linalg.norm(change @ root) / max(float(np.linalg.norm(change)), 1e-300))
-        return Ratio(float(self.score[where] @ change), int(kept.sum()), change, std, size_std)
-
-
 class PredictionTest(NamedTuple):
     """Chi-square of all touches, and each of them by itself.
 
@@ -320,13 +209,10 @@ class PredictionTest(NamedTuple):
     expected: Floats
 
     @classmethod
-    def of(cls, measured: Measured, covariance: Floats, noise: float) -> PredictionTest:
+    def of(cls, measured: Measured, known: Gaussian, noise: float) -> PredictionTest:
         """With noise that is known with so many degrees of freedom."""
-        r, found = measured.residual, Information.of(measured)
-        gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
-        chi_square, freedoms = float((r**2).sum() - found.score @ gained), r.size  # rᵀr - uᵀ (I + C P)⁻¹ C u
-        spread = np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
-        squares = measured.chi_squares(covariance)
+        freedoms, squares = measured.residual.size, measured.chi_squares(known)
+        chi_square, normal = known.chi_square(measured.jacobian, measured.residual), measured.normal[:, None]
         p_value, of_each = float(p_values(chi_square, freedoms, noise)), p_values(squares, 2, noise)
-        expected = np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal))
+        expected = np.sqrt(normal @ known.spread(measured.jacobian) @ normal.swapaxes(1, 2))[:, 0, 0]
         return cls(chi_square, freedoms, p_value, np.sqrt(squares), of_each, expected)

@@ -36,7 +36,7 @@ from scara_kinetostatic.model.extended_model import reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
-from scara_kinetostatic.planning.planner import Planner, known_or_infinite, undetected_part
+from scara_kinetostatic.planning.planner import Planner, known_or_infinite, undecided_parts
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import as_document
 
@@ -165,7 +165,7 @@ class CalibrationRecord:
         now = known_or_infinite(stated['worst'], stated['undetermined'])
         of_tip = {row['source']: row['contribution']['tip'] or 0.0 for row in self.document['budget']}
         limit = title_of(max(of_tip, key=lambda label: of_tip[label]))
-        undetected = undetected_part(stated['worst'] or 0.0, of_tip)
+        undetected = float(np.hypot(*undecided_parts(stated['worst'] or 0.0, of_tip)))
         return Planner(replace(self.arm, cell=cell), now, touches, labels, undetected=undetected, limit=limit)
 
     @property

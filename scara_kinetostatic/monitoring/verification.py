@@ -26,7 +26,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
-from scara_kinetostatic.monitoring.linear import Evidence, Information, PredictionTest, State, measure
+from scara_kinetostatic.monitoring.linear import CalibratedState, PredictionTest, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.report.quantities import micrometres
@@ -217,17 +217,17 @@ def verify(
     check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     record = record.in_cell(cell)
     touches, noise = detection.touches.replace(order=np.full(len(detection.touches), LATER)), record.noise_freedoms
-    state = State.of(record, cell)
+    state = CalibratedState.of(record, cell)
     measured = measure(touches, record, state)
-    test = others_test = PredictionTest.of(measured, state.covariance, noise)
+    test = others_test = PredictionTest.of(measured, state.known, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
     outlies &= outlies.mean() <= 0.1  # `Limits.most_rejected`; more are no outliers: something has changed
     if outlies.any():
         others = measured.select(~outlies)
-        others_test = PredictionTest.of(others, state.covariance, noise)
+        others_test = PredictionTest.of(others, state.known, noise)
     causes = Causes()
     if others_test.p_value < LEVEL:
-        evidence = Evidence.of(Information.of(others), state.covariance)
+        evidence = state.known.change(others.information())
         hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
         test_of_others = others_test.chi_square, others_test.freedoms, noise
         causes = Causes.of(ranked(hypotheses, evidence, state), test_of_others)
@@ -257,7 +257,7 @@ def verify(
     )
 
 
-def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int:
+def _repeated(touches: TouchSet, record: CalibrationRecord, state: CalibratedState) -> int:
     """How many touches are those of the calibration, their forces as reported or as it has corrected them."""
     own, found = np.hstack([record.touches.joints, record.forces]), np.zeros(len(touches), dtype=bool)
     for errors in (state.errors, 0.0 * state.errors):

@@ -6,10 +6,10 @@ nominal one, decides on which flank of the backlash the joint rests, and the pre
 made. Under gravity, where that depends on the force, too, the calibration leaves touches out whose torques have no sure
 sign.
 
-For the choice alone every parameter has a prior: its plausible range (`Robot.scales`) as standard deviation. It keeps
-all matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
-numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior of
-another kind: it holds in the calibration, and in every number.
+For the choice alone every parameter has a prior: its plausible range (`RobotModel.scales`) as standard deviation. It
+keeps all matrices regular, does not change what touches determine well, and bounds what they do not determine. The
+reported numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior
+of another kind: it holds in the calibration, and in every number.
 
 **Choice.** One criterion: tr(L C), with C the covariance with the touches chosen, and L = Σ λ_g T_gᵀT_g the tip's
 derivatives T_g at all places with weights λ: a weighted mean of its variances. A touch with the whitened Jacobian J
@@ -60,8 +60,9 @@ from numpy.typing import NDArray
 from scara_kinetostatic.assessment.grade import Limits
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.gaussian.linear_model import blocks, leverage
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.planning.prediction import Robot, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 LEAST_ARM = 0.02
@@ -73,7 +74,7 @@ PRELOAD = 0.3
 
 
 class CandidateTouches(NamedTuple):
-    """Candidates and the tip whose variance counts; L̄ in `Robot.scales`, then m declared errors in their own units.
+    """Candidates and the tip whose variance counts; L̄ in `RobotModel.scales`, then m declared errors in theirs.
 
     Attributes:
         plan: the n candidates.
@@ -99,6 +100,14 @@ class CandidateTouches(NamedTuple):
     def information_of(self, chosen: Sequence[int]) -> Floats:
         """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
         return self.prior + self.information[list(chosen)].sum(axis=0)
+
+    def covariance_without_each(self, chosen: Sequence[int]) -> Floats:
+        """Covariance with a set of candidates but each of them in turn, (c, 12 + m, 12 + m)."""
+        return _inverse(self.information_of(chosen) - self.information[list(chosen)])
+
+    def leverages(self, chosen: Sequence[int]) -> Floats:
+        """Leverage of each touch of a set, (c,)."""
+        return leverage(self.derivative[list(chosen)], _inverse(self.information_of(chosen)))
 
     def counting(self, values: Indices, share: float, number: int = 0) -> CandidateTouches:
         """The same, of one place for all, with the variance of some values counting beside that of the tip.
@@ -126,7 +135,7 @@ def _inverse(information: Floats) -> Floats:
 
 
 def candidate_plan(
-    robot: Robot,
+    robot: RobotModel,
     levels: Sequence[float],
     postures: Sequence[int] = (1, -1),
     per_disc: int = PER_DISC,
@@ -158,7 +167,7 @@ def candidate_plan(
     return Plan.joined([replace(plan, preload=np.full(len(plan), part)) for plan in chosen for part in eased])
 
 
-def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = False) -> CandidateTouches:
+def prepare_candidates(robot: RobotModel, plan: Plan, tip: Floats, *, mean: bool = False) -> CandidateTouches:
     """Candidates from a plan.
 
     Args:
@@ -181,7 +190,7 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Floats, *, mean: bool = Fa
     return CandidateTouches(plan, derivative, information, rows, quadric, prior)
 
 
-def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
+def declared_rows(robot: RobotModel) -> tuple[Floats, Floats]:
     """Units of all values and the declared errors, (12 + k + m,), and in them the rows of the prior of these; values of
     effects in their plausible sizes.
     """
@@ -205,7 +214,7 @@ error is 0.85 times the predicted one, and scatters by a sixth.
 """
 
 
-def held_out_ratio(robot: Robot, plan: Plan, folds: int = 5, divisions: int = 20) -> float:
+def held_out_ratio(robot: RobotModel, plan: Plan, folds: int = 5, divisions: int = 20) -> float:
     """Force error on touches not seen, in that of the fit to all touches of a plan.
 
     Args:
@@ -224,8 +233,8 @@ def held_out_ratio(robot: Robot, plan: Plan, folds: int = 5, divisions: int = 20
     together[:values, :values] += 1e-4 * np.eye(values)  # keeps fits of few touches regular
 
     def spread(which: NDArray[np.intp], covariance: Floats, sign: int) -> Floats:
-        blocks = np.eye(2) + sign * rows[which] @ covariance @ np.swapaxes(rows[which], 1, 2)
-        return np.sqrt(np.einsum('nij,nji->n', weight[which], blocks))
+        spread_of_each = np.eye(2) + sign * blocks(rows[which], covariance)
+        return np.sqrt(np.einsum('nij,nji->n', weight[which], spread_of_each))
 
     fitted = float(spread(np.arange(n), np.linalg.inv(together), -1).mean())
     random, errors = np.random.default_rng(0), np.empty((divisions, n))
@@ -257,10 +266,10 @@ def variance_with_each(candidates: CandidateTouches, chosen: Sequence[int]) -> F
     """
     covariance = _inverse(candidates.information_of(chosen))
     through = candidates.derivative @ covariance
-    blocks = through @ candidates.derivative.swapaxes(1, 2)
+    own_blocks = through @ candidates.derivative.swapaxes(1, 2)
     own = through[..., candidates.rows]
     squares = own @ candidates.quadric.reshape(len(candidates.rows), -1) @ own.swapaxes(1, 2)
-    gain = np.trace(np.linalg.solve(np.eye(2) + blocks, squares), axis1=1, axis2=2)
+    gain = np.trace(np.linalg.solve(np.eye(2) + own_blocks, squares), axis1=1, axis2=2)
     return np.asarray(candidates.variance(covariance)[0] - gain)
 
 
@@ -300,29 +309,21 @@ def choose(candidates: CandidateTouches, number: int, per_disc: int = 0) -> list
     return chosen
 
 
-def leverages(candidates: CandidateTouches, chosen: Sequence[int]) -> Floats:
-    """Leverage of each touch of a set, (m,)."""
-    rows = candidates.derivative[list(chosen)]
-    blocks = rows @ np.linalg.inv(candidates.information_of(chosen)) @ rows.swapaxes(1, 2)
-    return np.asarray(np.linalg.eigvalsh(blocks)[:, -1])
-
-
 def checked(candidates: CandidateTouches, chosen: list[int]) -> list[int]:
     """A set with as many more touches as it takes until no leverage is above `MOST_LEVERAGE`."""
     values = np.arange(len(candidates.prior))
     while len(chosen) < len(candidates.plan):
-        leverage = leverages(candidates, chosen)
-        if leverage.max() <= MOST_LEVERAGE:
+        found = candidates.leverages(chosen)
+        if found.max() <= MOST_LEVERAGE:
             break
-        worst = candidates.information[chosen[int(np.argmax(leverage))]]
+        worst = candidates.information[chosen[int(np.argmax(found))]]
         variances = variance_with_each(candidates._replace(rows=values, quadric=worst.reshape(-1, 1)), chosen)
         variances[chosen] = np.inf
         chosen = [*chosen, int(np.argmin(variances))]
     return chosen
 
 
-def without_each(robot: Robot, plan: Plan, tip: Floats) -> Floats:
+def without_each(robot: RobotModel, plan: Plan, tip: Floats) -> Floats:
     """Largest standard deviation of the tip without each touch of a plan, (n,), m."""
     of_plan = prepare_candidates(robot, plan, tip)
-    together = of_plan.information_of(range(len(plan)))
-    return np.asarray(np.sqrt(of_plan.variance(_inverse(together - of_plan.information)).max(axis=1)))
+    return np.asarray(np.sqrt(of_plan.variance(of_plan.covariance_without_each(range(len(plan)))).max(axis=1)))

@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.evidence import Discrimination, worth_doing
+from scara_kinetostatic.assessment.evidence import worth_doing
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.uncertainty_budget import title_of
@@ -43,11 +43,12 @@ from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.gaussian.linear_model import blocks
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
-from scara_kinetostatic.planning.prediction import Robot, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 _MOST_SETS = 8
@@ -58,6 +59,8 @@ _STEPS = np.outer([1.0, 2.0, 5.0], 10.0 ** np.arange(-9, 0)).ravel(order='F')
 """Standard uncertainties of a measurement that are tried, SI."""
 _LEAST_PLACE, _LEAST_LENGTH = 2e-6, 2e-5
 """No place of an object and no length of a link is measured better, m."""
+_LEAST_DOUBT = 1e-9
+"""Keeps quotients finite."""
 _APART = 0.03
 """Distance of a further object from the others, m."""
 
@@ -86,7 +89,7 @@ class Rivals(NamedTuple):
         covariance: C of each, (s, v, v).
     """
 
-    robot: Robot
+    robot: RobotModel
     labels: tuple[tuple[str, ...], ...]
     probability: Floats
     share: float
@@ -103,7 +106,7 @@ class Rivals(NamedTuple):
         sizes = () if c.random is None else tuple(c.random.size.tolist())
         effects = tuple(effect for effect in c.model.effects if isinstance(effect, Effect))
         last = float(c.touches.time.max())
-        robot = Robot(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
+        robot = RobotModel(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
         labels, probability, change, covariance = zip(*likely[:_MOST_SETS], strict=True)
         weight = np.array(probability)
         share = float(weight.sum())
@@ -118,14 +121,14 @@ class Rivals(NamedTuple):
         i, j = np.array(list(combinations(range(len(self.labels)), 2))).T
         covariance = np.concatenate([self.covariance, (self.covariance[i] + self.covariance[j]) / 2])
         flat = rows.reshape(-1, rows.shape[2])
-        own = np.array([(flat @ one).reshape(rows.shape) @ rows.swapaxes(1, 2) for one in self.covariance]) + np.eye(2)
-        blocks = np.concatenate([own, (own[i] + own[j]) / 2])
+        own = np.eye(2) + blocks(rows, self.covariance)
+        spread = np.concatenate([own, (own[i] + own[j]) / 2])
         off = (flat @ (self.change[j] - self.change[i]).T).T.reshape(len(i), -1, 2)
         weight, reached = np.sqrt(self.probability[i] * self.probability[j]), np.zeros(len(i))
         sets, chosen = len(self.labels), list[int]()
         for _ in range(min(number, len(rows))):
-            logs = np.log(np.maximum(np.linalg.det(blocks), 1.0))  # below 1 by rounding alone
-            squares = (off * np.linalg.solve(blocks[sets:], off[..., None])[..., 0]).sum(axis=-1)
+            logs = np.log(np.maximum(np.linalg.det(spread), 1.0))  # below 1 by rounding alone
+            squares = (off * np.linalg.solve(spread[sets:], off[..., None])[..., 0]).sum(axis=-1)
             gain = squares / 8 + logs[sets:] / 2 - (logs[i] + logs[j]) / 4
             bound = weight @ np.exp(-reached[:, None] - gain)
             bound[chosen] = np.inf
@@ -133,11 +136,11 @@ class Rivals(NamedTuple):
             chosen.append(t)
             reached += gain[:, t]
             half = covariance @ rows[t].T
-            inverse = np.linalg.inv(blocks[:, t])
+            inverse = np.linalg.inv(spread[:, t])
             through = (flat @ half).reshape(len(covariance), -1, 2, 2)
             weighed = through @ inverse[:, None]
             off = off - (weighed[sets:] @ off[:, t, None, :, None])[..., 0]
-            blocks = blocks - weighed @ through.swapaxes(-1, -2)
+            spread = spread - weighed @ through.swapaxes(-1, -2)
             covariance = covariance - half @ inverse @ half.swapaxes(-1, -2)
         return chosen
 
@@ -162,12 +165,25 @@ class Rivals(NamedTuple):
             decided += likely * float((likeliest >= FOUND).mean())
         return Forecast(max(probability, float(self.probability.max())), decided)
 
-    def many(self, rows: Floats, chosen: list[int]) -> Forecast:
-        """What `MOST_TOUCHES`, evenly distributed over candidates of H (n, 2, v), or on chosen ones, are expected to
-        tell; whichever is more.
+    def outlook(self, rows: Floats, chosen: list[int]) -> tuple[Forecast, Forecast]:
+        """What chosen ones of candidates of H (n, 2, v) are expected to tell, and what `MOST_TOUCHES` are, evenly
+        distributed over all candidates or on the chosen ones; whichever is more.
         """
         at = np.linspace(0, len(rows), MOST_TOUCHES, endpoint=False).astype(np.intp)
-        return max(self.forecast(rows[at]), self.forecast((MOST_TOUCHES / len(chosen)) ** 0.5 * rows[chosen]))
+        repeated = (MOST_TOUCHES / len(chosen)) ** 0.5 * rows[chosen]
+        return self.forecast(rows[chosen]), max(self.forecast(rows[at]), self.forecast(repeated))
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether one is as likely already as a decision needs."""
+        return self.share * float(self.probability.max()) >= FOUND
+
+    def doubt_left(self, outlook: Forecast) -> float:
+        """The part, 0 to 1, that a forecast leaves of what the choice between them adds to an uncertainty."""
+        if outlook.decided >= 0.5:
+            return 0.0
+        doubt = (1 - outlook.probability) / max(1 - float(self.probability.max()), _LEAST_DOUBT)
+        return float(min(doubt, 1.0) ** 0.5)
 
     def _sizes(self, effect: Effect) -> Floats:
         """Rows that pick the sizes of an effect, in their units, from all values: of what is named, declared and too
@@ -289,33 +305,3 @@ def _held(effect: Effect) -> str:
     """How its sizes are held, all of them: so the forecast takes them."""
     sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
     return ' --fix '.join(f"'{effect.label}.{effect.parameters[k].name}=VALUE'" for k in sizes.tolist())
-
-
-class DecidingTouches(NamedTuple):
-    """Touches that decide between the sets of effects, and what is expected of them.
-
-    Attributes:
-        outlook: in words and figures.
-        chosen: places of the touches among the candidates, the most decisive first.
-    """
-
-    outlook: Discrimination
-    chosen: list[int]
-
-
-def decide(rivals: Rivals, candidates: Plan, rows: Floats, number: int) -> DecidingTouches:
-    """The touches that decide, what they are expected to tell, and, where that is little, what would decide.
-
-    Args:
-        rivals: the sets.
-        candidates: touches to choose from.
-        rows: H of these, (n, 2, v).
-        number: of the touches.
-    """
-    chosen = rivals.choose(rows, number)
-    odds, forecasts = rivals.share * rivals.probability, (rivals.forecast(rows[chosen]), rivals.many(rows, chosen))
-    expected, limit = (rivals.share * one.probability for one in forecasts)
-    titles = tuple(candidates.select(np.array(chosen)).titles(rivals.robot.cell))
-    by_set = tuple(zip(rivals.labels, odds.tolist(), strict=True))
-    found = Discrimination(by_set, titles, float(odds.max()), expected, MOST_TOUCHES, limit, ())
-    return DecidingTouches(found if found.is_decisive else found._replace(remedies=rivals.remedies(candidates)), chosen)

@@ -35,7 +35,7 @@ _RAYS = 24
 """Directions in which the arm may be straightened."""
 
 
-class Edges(NamedTuple):
+class Capsules(NamedTuple):
     """Straight edges with a radius each.
 
     Attributes:
@@ -72,7 +72,7 @@ def _side(a: Floats, b: Floats, point: Floats) -> Floats:
     return np.asarray(ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0])
 
 
-class Poses(NamedTuple):
+class Waypoints(NamedTuple):
     """Places of the tip with the posture of the elbow.
 
     Attributes:
@@ -83,9 +83,9 @@ class Poses(NamedTuple):
     tip: Floats
     posture: Indices
 
-    def select(self, which: Mask | Indices | slice) -> Poses:
+    def select(self, which: Mask | Indices | slice) -> Waypoints:
         """Those that a mask, a slice or an array of positions picks."""
-        return Poses(self.tip[which], self.posture[which])
+        return Waypoints(self.tip[which], self.posture[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class Space:
         return [*known, *((-1, np.array(outline)) for outline in self.cell.obstacles)]
 
     @cached_property
-    def edges(self) -> Edges:
+    def edges(self) -> Capsules:
         """Discs, then the edges of outlines and obstacles."""
         discs, outlines, tip = [], [], self.cell.tip_radius or 0.0
         for k, disc in enumerate(self.cell.discs):
@@ -140,20 +140,20 @@ class Space:
         owner, begin, end, radius = zip(*discs, *closed, *outlines, strict=True)
         number = [len(each) for each in begin]
         every = np.concatenate(begin), np.concatenate(end), np.repeat(radius, number)
-        return Edges(*every, np.repeat(owner, number).astype(np.intp))
+        return Capsules(*every, np.repeat(owner, number).astype(np.intp))
 
     @cached_property
-    def _base(self) -> Edges:
+    def _base(self) -> Capsules:
         p = self.parameters
         base = np.array([[p.x0, p.y0]])
-        return Edges(base, base, np.array(reach(p)[:1]))
+        return Capsules(base, base, np.array(reach(p)[:1]))
 
     @property
     def reach(self) -> float:
         """Largest distance of the tip from the base, m."""
         return reach(self.parameters)[1]
 
-    def joints(self, poses: Poses) -> Floats:
+    def joints(self, poses: Waypoints) -> Floats:
         """Joint angles of the arm without a load, in the turn of the limits, (n, 2), rad."""
         return self.in_turn(inverse(self.parameters, poses.tip, poses.posture))
 
@@ -166,7 +166,7 @@ class Space:
         """Whether each joint angle, (…, 2), rad, is within the limits that are kept."""
         return np.asarray((joints >= self.limits[0]) & (joints <= self.limits[1]))
 
-    def beyond_limits(self, poses: Poses) -> Mask:
+    def beyond_limits(self, poses: Waypoints) -> Mask:
         """Whether each joint is beyond its limits or the place out of reach, (n, 2)."""
         return ~self.is_within(self.joints(poses))
 
@@ -212,18 +212,18 @@ class Space:
         inside_any = self.is_inside(a, but) | self.is_inside(b, but)
         return np.asarray(clear & (distance >= kept).all(axis=1) & ~inside_any)
 
-    def keeps_limits(self, a: Poses, b: Floats) -> Mask:
+    def keeps_limits(self, a: Waypoints, b: Floats) -> Mask:
         """Whether both joints keep their limits, in one turn, on straight moves to places b, (n,)."""
         if not len(b):
             return np.zeros(0, dtype=bool)
         count = max(3, int(np.ceil(np.hypot(*(b - a.tip).T).max() / 0.01)) + 1)  # checked every centimetre
         part = np.linspace(0.0, 1.0, count)[:, None, None]
         places = (a.tip + part * (b - a.tip)).reshape(-1, 2)
-        joints = self.joints(Poses(places, np.tile(a.posture, count))).reshape(count, -1, 2)
+        joints = self.joints(Waypoints(places, np.tile(a.posture, count))).reshape(count, -1, 2)
         one_turn = np.abs(np.diff(joints, axis=0)) < np.pi
         return np.asarray(self.is_within(joints).all(axis=(0, 2)) & one_turn.all(axis=(0, 2)))
 
-    def may_move(self, a: Poses, b: Floats) -> Mask:
+    def may_move(self, a: Waypoints, b: Floats) -> Mask:
         """Whether the tip may travel straight to places b, (n,), with the lift where there is one."""
         allowed = self.is_clear(a.tip, b, raised=self.cell.lift is not None, leaves=True)
         some = np.flatnonzero(allowed)
@@ -233,8 +233,8 @@ class Space:
     def may_change(self, tip: Floats) -> Mask:
         """Whether the posture may be changed at places near the reach, both joints moving in proportion, (n,)."""
         ones = np.ones(len(tip), dtype=np.intp)
-        left, right = (self.joints(Poses(tip, side * ones)) for side in (1, -1))
-        bad = self.beyond_limits(Poses(tip, ones)) | self.beyond_limits(Poses(tip, -ones))
+        left, right = (self.joints(Waypoints(tip, side * ones)) for side in (1, -1))
+        bad = self.beyond_limits(Waypoints(tip, ones)) | self.beyond_limits(Waypoints(tip, -ones))
         straight = -self.parameters.theta2 - left[:, 1]  # to q2 = -theta2, about which both are alike
         allowed = ~bad.any(axis=1) & np.isclose(right[:, 1] - left[:, 1], 2 * straight)
         allowed &= np.abs(right - left).max(axis=1, initial=0.0) < np.pi
@@ -266,7 +266,7 @@ class Roadmap:
             corners.append(_around(e.begin, e.radius + space.clearance))
         places = np.concatenate([rays, *corners])
         self._rays = len(rays)
-        self.via = Poses(np.tile(places, (2, 1)), np.repeat([1, -1], len(places)))
+        self.via = Waypoints(np.tile(places, (2, 1)), np.repeat([1, -1], len(places)))
         stands = space.is_clear(self.via.tip, self.via.tip, raised=space.cell.lift is not None)
         self._stands = stands & ~space.beyond_limits(self.via).any(axis=1)
         n = len(places)
@@ -279,18 +279,18 @@ class Roadmap:
         ray = ray[self._stands[ray] & self._stands[ray + n]]
         self._costs[ray, ray + n] = self._costs[ray + n, ray] = 0.3  # what a change of posture costs, m of travel
 
-    def _connect(self, costs: Floats, i: Indices, j: Indices, every: Poses) -> None:
+    def _connect(self, costs: Floats, i: Indices, j: Indices, every: Waypoints) -> None:
         """Enters the length of the moves between poses i and j that may be made."""
         may = self.space.may_move(every.select(i), every.tip[j])
         i, j = i[may], j[may]
         costs[i, j] = costs[j, i] = np.hypot(*(every.tip[i] - every.tip[j]).T)
 
-    def _with(self, stops: Poses, most: int = 16) -> tuple[Poses, Floats]:
+    def _with(self, stops: Waypoints, most: int = 16) -> tuple[Waypoints, Floats]:
         """The points of the map and stops, and the costs between them: each stop is connected to the nearest points."""
         v, n = len(self.via.tip), len(stops.tip)
         costs = np.full((v + n, v + n), np.inf)
         costs[:v, :v] = self._costs
-        every = Poses(np.concatenate([self.via.tip, stops.tip]), np.concatenate([self.via.posture, stops.posture]))
+        every = Waypoints(np.concatenate([self.via.tip, stops.tip]), np.concatenate([self.via.posture, stops.posture]))
         away = np.hypot(*(stops.tip[:, None] - self.via.tip[None]).transpose(2, 0, 1))
         away[(stops.posture[:, None] != self.via.posture) | ~self._stands] = np.inf
         near = np.argsort(away, axis=1)[:, :most]
@@ -299,13 +299,13 @@ class Roadmap:
         self._connect(costs, v + i[possible], j[possible], every)
         return every, costs
 
-    def largest_part(self, stops: Poses) -> Mask:
+    def largest_part(self, stops: Waypoints) -> Mask:
         """Whether a stop is among the most that can be reached from each other, (n,)."""
         _, costs = self._with(stops)
         labels = connected_components(np.isfinite(costs), directed=False)[1][len(self.via.tip) :]
         return np.asarray(labels == np.bincount(labels).argmax()) if len(labels) else np.zeros(0, dtype=bool)
 
-    def ways(self, stops: Poses) -> Ways:
+    def ways(self, stops: Waypoints) -> Ways:
         """The shortest ways between n places at which the tip may be."""
         every, costs = self._with(stops)
         v, (i, j) = len(self.via.tip), np.triu_indices(len(stops.tip), 1)
@@ -326,16 +326,16 @@ class Ways(NamedTuple):
         before: the point before each on the way from each stop, (n, v + n).
     """
 
-    every: Poses
+    every: Waypoints
     first: int
     lengths: Floats
     before: Indices
 
-    def stop(self, number: int) -> Poses:
+    def stop(self, number: int) -> Waypoints:
         """One of the stops."""
         return self.every.select(slice(self.first + number, self.first + number + 1))
 
-    def way(self, start: int, goal: int) -> Poses:
+    def way(self, start: int, goal: int) -> Waypoints:
         """The places on the way from one stop to another, which is the last of them."""
         place, found = self.first + goal, []
         while place != self.first + start:

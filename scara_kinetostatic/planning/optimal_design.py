@@ -38,7 +38,7 @@ from scara_kinetostatic.planning.candidate_touches import (
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import Prediction, Robot, Statement, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import Prediction, RobotModel, Statement, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 
 _USUAL = 36
@@ -108,7 +108,7 @@ class Design:
             declares no uncertainties.
     """
 
-    robot: Robot
+    robot: RobotModel
     requirements: Requirements
     tip: Floats
     accuracy: float
@@ -146,7 +146,9 @@ def required(tip: Floats, requirements: Requirements) -> Floats:
     return tip[:, 1:] if requirements.under_load else tip[:, :1]
 
 
-def optimal_design(robot: Robot, requirements: Requirements | None = None, report: Progress | None = None) -> Design:
+def optimal_design(
+    robot: RobotModel, requirements: Requirements | None = None, report: Progress | None = None
+) -> Design:
     """The optimal design for a cell.
 
     Args:
@@ -199,7 +201,7 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     )
 
 
-def _out_of_reach(robot: Robot, tip: Floats, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
+def _out_of_reach(robot: RobotModel, tip: Floats, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
     lowest = float(tip_std(tip, very_many).max())
     kind, part = max(very_many.contributions(tip).items(), key=lambda item: item[1])
@@ -215,7 +217,13 @@ def _out_of_reach(robot: Robot, tip: Floats, accuracy: float, very_many: Predict
 
 
 def _smallest_set(
-    robot: Robot, tip: Floats, accuracy: float, candidates: CandidateTouches, too_few: int, rank: int, report: Progress
+    robot: RobotModel,
+    tip: Floats,
+    accuracy: float,
+    candidates: CandidateTouches,
+    too_few: int,
+    rank: int,
+    report: Progress,
 ) -> Plan:
     """The smallest set found that checks itself and keeps the accuracy.
 

@@ -38,7 +38,6 @@ from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
@@ -59,9 +58,9 @@ from scara_kinetostatic.planning.candidate_touches import (
     declared_rows,
     prepare_candidates,
 )
-from scara_kinetostatic.planning.discrimination import DecidingTouches, Forecast, Rivals, decide
-from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, short_order
-from scara_kinetostatic.planning.prediction import Robot, contributions, exact_plan, tip_in_use
+from scara_kinetostatic.planning.discrimination import Rivals
+from scara_kinetostatic.planning.motion import Roadmap, Space, Waypoints, Ways, short_order
+from scara_kinetostatic.planning.prediction import RobotModel, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
 
 UNSUSPECTED = 0.01
@@ -74,7 +73,7 @@ _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 
 
-class Uncertainty(NamedTuple):
+class TipForecast(NamedTuple):
     """The largest expanded uncertainty (95 %) of the tip over the region, m.
 
     Attributes:
@@ -110,20 +109,27 @@ def known_or_infinite(worst: float | None, undetermined: float) -> float:
     return worst if worst is not None and undetermined <= 0 and worst < np.inf else np.inf  # not a number neither
 
 
-def choice_part(worst: float, of_tip: Mapping[str, float]) -> float:
-    """What the choice between possible causes contributes to the largest uncertainty of the tip, m: what the other rows
-    of a budget do not. Over several causes the tip is not normal: the radius that holds with 95 % is not twice the root
-    of the sum of squares.
+def undecided_parts(worst: float, of_tip: Mapping[str, float]) -> tuple[float, float]:
+    """What effects not detected or decided, and what the choice between possible causes contribute to the largest
+    uncertainty of the tip, m, by rows of a budget. The latter is what the other rows do not: over several causes the
+    tip is not normal, and the radius that holds with 95 % is not twice the root of the sum of squares.
     """
-    others = [part for label, part in of_tip.items() if label != RIVALS and np.isfinite(part)]
-    left = worst**2 - COVERAGE_FACTOR**2 * float(np.square(others).sum())
-    return float(np.sqrt(left)) if RIVALS in of_tip and left > 0 else 0.0
+    squares = {label: (COVERAGE_FACTOR * part) ** 2 for label, part in of_tip.items() if np.isfinite(part)}
+    undetected = sum(square for label, square in squares.items() if label.startswith((UNDETECTED, VALUE)))
+    left = worst**2 - sum(square for label, square in squares.items() if label != RIVALS)
+    return float(np.sqrt(undetected)), float(np.sqrt(left)) if RIVALS in of_tip and left > 0 else 0.0
 
 
-def undetected_part(worst: float, of_tip: Mapping[str, float]) -> float:
-    """What effects not detected or decided contribute to the largest uncertainty of the tip, m, by rows of a budget."""
-    parts = [part for label, part in of_tip.items() if label.startswith((UNDETECTED, VALUE)) and np.isfinite(part)]
-    return float(np.hypot(COVERAGE_FACTOR * np.sqrt(np.square(parts).sum()), choice_part(worst, of_tip)))
+class DecidingTouches(NamedTuple):
+    """Touches that decide between the sets of effects, and what is expected of them.
+
+    Attributes:
+        outlook: in words and figures.
+        chosen: places of the touches among the candidates, the most decisive first.
+    """
+
+    outlook: Discrimination
+    chosen: list[int]
 
 
 class PlannedTouches(NamedTuple):
@@ -141,11 +147,11 @@ class PlannedTouches(NamedTuple):
 
     plan: Plan
     reasons: list[str]
-    approach: Poses
+    approach: Waypoints
     ways: Ways
     order: list[int]
     left_out: list[str]
-    uncertainty: Uncertainty
+    uncertainty: TipForecast
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,11 +196,9 @@ class Planner:
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
         of_tip = {item.label: item.tip for item in outcome.budget}
         rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
-        choice = 0.0
-        if rivals is not None:
-            choice = choice_part(tip.worst, of_tip)
-            of_tip.pop(RIVALS, None)
-        undetected = undetected_part(tip.worst, of_tip)
+        undetected, choice = undecided_parts(tip.worst, of_tip)
+        if rivals is None:
+            undetected, choice = float(np.hypot(undetected, choice)), 0.0
         sizes = dict[str, float]()
         if final.random is not None:
             for column, size in zip(final.random.columns, final.random.size, strict=True):
@@ -205,11 +209,11 @@ class Planner:
         return cls(final.arm, now, touches, suspected, given_up, undetected, sizes, limit, rivals, choice)
 
     @cached_property
-    def robot(self) -> Robot:
+    def robot(self) -> RobotModel:
         """The robot, its effects those found and those undecided."""
         model, cell = self.arm.model, self.arm.cell
         own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
-        declared, labels = Robot.of(cell).declared, {effect.label for effect in own}
+        declared, labels = RobotModel.of(cell).declared, {effect.label for effect in own}
         known = labels | (set(declared.places if declared else ()) - self.suspected)  # declared, but rather a mistake
         lasting = (effect for effect in catalogue(cell) if effect.is_physical and not effect.is_stepwise)
         undecided = [effect for effect in lasting if effect.label not in known]
@@ -224,7 +228,7 @@ class Planner:
                 size[effect.grid_parameter_index] = 0.0
             sizes.append(size)
         flat = tuple(np.concatenate([*sizes, []]).tolist())
-        return Robot(cell, model.parameters, self.arm.noise, (), effects, tuple(values), flat)
+        return RobotModel(cell, model.parameters, self.arm.noise, (), effects, tuple(values), flat)
 
     @cached_property
     def _in_doubt(self) -> Indices:
@@ -278,10 +282,10 @@ class Planner:
         """The ways in it."""
         return Roadmap(self.space)
 
-    def approach(self, plan: Plan) -> Poses:
+    def approach(self, plan: Plan) -> Waypoints:
         """Where the tip begins to approach each touch."""
         off = self.space.clearance + 1e-3
-        return Poses(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
+        return Waypoints(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
 
     def problems(self, plan: Plan) -> list[str]:
         """Why each touch of a plan cannot be made; empty where it can."""
@@ -289,13 +293,13 @@ class Planner:
         contact, normal = plan.contact(cell), plan.normal(cell)
         deep = contact - cell.touch.search * normal
         # where the largest force drags the rigid tip
-        joints, force = self.space.joints(Poses(contact, plan.posture)), (1 + plan.preload) * plan.force
+        joints, force = self.space.joints(Waypoints(contact, plan.posture)), (1 + plan.preload) * plan.force
         moved = jacobian(p, joints) @ press_aside(p, joints, -force[:, None] * normal, plan.aside)[..., None]
         end, slid = contact + moved[..., 0], np.abs((moved[..., 0] * quarter_turn(normal)).sum(axis=1))
-        stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Poses(deep, plan.posture)))
+        stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Waypoints(deep, plan.posture)))
         moves: Mask = np.asarray(stands.all(axis=1))
         moves[moves] = self.space.keeps_limits(start.select(moves), deep[moves])
-        moves &= ~self.space.beyond_limits(Poses(end, plan.posture)).any(axis=1)
+        moves &= ~self.space.beyond_limits(Waypoints(end, plan.posture)).any(axis=1)
         clear = self.space.is_clear(start.tip, deep, but=plan.disc)
         clear &= self.space.is_clear(contact, end, but=plan.disc)
         good = np.flatnonzero(moves & clear)
@@ -393,20 +397,20 @@ class Planner:
         Raises:
             UnsupportedDataError: no touch can be reached.
         """
-        if self.rivals is None or self.rivals.share * float(self.rivals.probability.max()) >= FOUND:
+        rivals, plan = self.rivals, self._candidates[0]
+        if rivals is None or rivals.is_decided:
             return None
-        return decide(self.rivals, self._candidates[0], self._rows, number)
+        chosen = rivals.choose(self._rows, number)
+        odds = rivals.share * rivals.probability
+        expected, limit = (rivals.share * one.probability for one in rivals.outlook(self._rows, chosen))
+        titles = tuple(plan.select(np.array(chosen)).titles(rivals.robot.cell))
+        by_set = tuple(zip(rivals.labels, odds.tolist(), strict=True))
+        found = Discrimination(by_set, titles, float(odds.max()), expected, MOST_TOUCHES, limit, ())
+        return DecidingTouches(found if found.is_decisive else found._replace(remedies=rivals.remedies(plan)), chosen)
 
     def discriminating(self, decision: DecidingTouches, number: int) -> PlannedTouches:
         """The first so many of the touches that decide most."""
         return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
-
-    def _left(self, outlook: Forecast) -> float:
-        """What is left of the part of the choice."""
-        if self.rivals is None or outlook.decided >= 0.5:
-            return 0.0
-        doubt = (1 - outlook.probability) / max(1 - float(self.rivals.probability.max()), 1e-9)
-        return self.choice * min(doubt, 1.0) ** 0.5
 
     def _arranged(
         self, candidates: CandidateTouches, chosen: list[int], decided: Indices | None = None
@@ -420,7 +424,7 @@ class Planner:
         at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(candidates, chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 
-    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> Uncertainty:
+    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> TipForecast:
         """Of the tip by the arm's own model, without what is undecided."""
         count = self._values
         kept = np.r_[:count, len(self.robot.model.names) : len(candidates.prior)]
@@ -442,23 +446,21 @@ class Planner:
         share = parts[limit] ** 2 / sum(part**2 for part in parts.values())
         planned, many = float(np.hypot(ratio * after, undetected)), ratio * self._largest(own)
         if self.rivals is not None:
-            planned = float(np.hypot(planned, self._left(self.rivals.forecast(self._rows[chosen]))))
-            left, alone = self._left(self.rivals.many(self._rows, chosen)), many
+            soon, left = (self.choice * self.rivals.doubt_left(one) for one in self.rivals.outlook(self._rows, chosen))
+            planned, alone = float(np.hypot(planned, soon)), many
             many = float(np.hypot(alone, left))
             if left > alone:
                 limit, share = 'the choice between possible causes', (left / many) ** 2
-        return Uncertainty(self.now, planned, many, limit, share, undetected)
+        return TipForecast(self.now, planned, many, limit, share, undetected)
 
     def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""
         names = self.robot.model.names
         values = np.arange(len(names)) if among is None or not len(among) else among
-        together = candidates.information_of(chosen)
-        variance = np.diagonal(np.linalg.inv(together))[values]
+        variance = np.diagonal(np.linalg.inv(candidates.information_of(chosen)))[values]
+        without = np.diagonal(candidates.covariance_without_each(chosen), axis1=1, axis2=2)[:, values]
         found = []
-        for k in chosen:
-            without = np.diagonal(np.linalg.inv(together - candidates.information[k]))[values]
-            best = int(values[np.argmax(without / variance)])
+        for k, best in zip(chosen, values[np.argmax(without / variance, axis=1)].tolist(), strict=True):
             verb = 'decides' if best >= self._values or best in self._in_doubt else 'sharpens'
             preload = f', preload {100 * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
             found.append(f'{verb} {names[best].rpartition(".")[0] or names[best]}{preload}')

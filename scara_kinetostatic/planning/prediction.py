@@ -44,6 +44,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Column
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
+from scara_kinetostatic.gaussian.linear_model import leverage
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -59,7 +60,7 @@ from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotModel:
     """The robot that a design is made for.
 
     Attributes:
@@ -87,7 +88,7 @@ class Robot:
     time: float = 0.0
 
     @classmethod
-    def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
+    def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> RobotModel:
         """The robot of a cell.
 
         Args:
@@ -166,7 +167,7 @@ class Statement(NamedTuple):
         return source, part**2 / sum(each**2 for each in self.parts.values())
 
     @classmethod
-    def of(cls, robot: Robot, plan: Plan) -> Statement:
+    def of(cls, robot: RobotModel, plan: Plan) -> Statement:
         """With the touches of a plan, by the functions by which a calibration states it.
 
         The touches are exact. The errors of the arm that are too small to be detected count, and those of objects of
@@ -185,7 +186,7 @@ class Statement(NamedTuple):
         return cls(tip.worst, {source: float(np.sqrt(square)) for source, square in ordered})
 
     @classmethod
-    def of_many(cls, robot: Robot, every: Plan, number: int = 108) -> tuple[int, Statement]:
+    def of_many(cls, robot: RobotModel, every: Plan, number: int = 108) -> tuple[int, Statement]:
         """How many touches, evenly distributed over all that can be made, are many, and what is expected with them."""
         at = np.linspace(0, len(every) - 1, min(number, len(every))).round().astype(np.intp)
         return len(at), cls.of(robot, every.select(at))
@@ -206,7 +207,7 @@ class ExactTouches(NamedTuple):
     arms: Floats
 
 
-def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) -> ExactTouches:
+def exact_plan(robot: RobotModel, plan: Plan, metadata: TouchMetadata | None = None) -> ExactTouches:
     """The touches of a plan without noise, with the derivatives by effects and by what the cell declares as uncertain.
 
     Args:
@@ -256,7 +257,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     return ExactTouches(observations, point, arms)
 
 
-def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
+def predict(robot: RobotModel, plan: Plan, number: int | None = None) -> Prediction:
     """The uncertainty of a calibration with the touches of a plan.
 
     Args:
@@ -282,14 +283,13 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     groups = group_names(unidentifiable, parameters, ExtendedModel(robot.parameters))
     std = np.sqrt(np.diag(own))
     std[[name in {member for group in groups for member in group} for name in robot.parameters.names]] = np.nan
-    hat = np.einsum('nik,kl,njl->nij', w.jacobian, covariance, w.jacobian, optimize=True)
     return Prediction(
         touches=number or len(plan),
         covariance=own,
         std=std,
         motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
-        leverage=np.linalg.eigvalsh(hat)[:, -1],
+        leverage=leverage(w.jacobian, covariance),
         together=covariance,
         declared=robot.declared,
     )
@@ -319,7 +319,7 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 
 
-def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Floats:
+def tip_in_use(robot: RobotModel, load: float, count: int = 17, directions: int = 12) -> Floats:
     """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
 
     Args:

@@ -17,7 +17,7 @@ from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.planning.motion import Poses
+from scara_kinetostatic.planning.motion import Waypoints
 from scara_kinetostatic.planning.planner import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
@@ -47,7 +47,7 @@ class Step(NamedTuple):
     until: float | None = None
 
 
-def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) -> Floats:
+def joint_angles(planner: Planner, poses: Waypoints, force: Floats | None = None) -> Floats:
     """Q for places of the tip under forces (n, 2), N, or none, by the planner's arm, (n, 2), rad."""
     load = np.zeros(poses.tip.shape) if force is None else force
     found = Predictor(planner.arm, nominal=planner.now is None).compensate(poses.tip, load, poses.posture).joints
@@ -61,9 +61,9 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
     up, down = (None, None) if lift is None else (lift.up, lift.down)
     contact, press = plan.contact(cell), -plan.force[:, None] * plan.normal(cell)
     deep = contact - motion.search * plan.normal(cell)
-    at_start, at_deep = joint_angles(planner, planned.approach), joint_angles(planner, Poses(deep, plan.posture))
+    at_start, at_deep = joint_angles(planner, planned.approach), joint_angles(planner, Waypoints(deep, plan.posture))
     at_hold, at_peak = (
-        joint_angles(planner, Poses(contact, plan.posture), force)
+        joint_angles(planner, Waypoints(contact, plan.posture), force)
         for force in (press, (1 + plan.preload[:, None]) * press)
     )
     depth = np.hypot(*(forward(planner.arm.model.parameters, at_hold) - contact).T)

@@ -26,7 +26,7 @@ from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.planning.motion import Poses
+from scara_kinetostatic.planning.motion import Waypoints
 from scara_kinetostatic.planning.planner import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, Plan, reach
 from scara_kinetostatic.touches.detection import Detection
@@ -234,7 +234,7 @@ class Campaign:
             return End(int(found.grade == 'unfit'), what)
         return None
 
-    def choose(self, joints: Floats, interrupted: Target | None = None) -> tuple[Target, Poses] | End | None:
+    def choose(self, joints: Floats, interrupted: Target | None = None) -> tuple[Target, Waypoints] | End | None:
         """The touch to make next and the way to where it begins; None while nothing is planned.
 
         Args:
@@ -260,7 +260,7 @@ class Campaign:
             return End(1, problem)
         tries = [interrupted] if interrupted else [each for each in self._targets if each.attempts] or self._targets
         stops = [planner.approach(target.plan) for target in tries]
-        every = Poses(
+        every = Waypoints(
             np.concatenate([start.tip[-1:], *(stop.tip for stop in stops)]),
             np.concatenate([start.posture[-1:], *(stop.posture for stop in stops)]),
         )
@@ -278,10 +278,10 @@ class Campaign:
         chosen = tries[nearest]
         self._targets = [target for target in self._targets if target is not chosen]
         way = ways.way(0, nearest + 1)
-        return chosen, Poses(np.concatenate([start.tip, way.tip]), np.concatenate([start.posture, way.posture]))
+        return chosen, Waypoints(np.concatenate([start.tip, way.tip]), np.concatenate([start.posture, way.posture]))
 
 
-def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
+def clear_start(planner: Planner, joints: Floats) -> tuple[Waypoints | None, str]:
     """Where a way begins from where the robot stands: its first place is reached with both joints in proportion.
 
     Where a run has brought it, it can go on: from the edge of the limits, from the stretched arm, as on the way to the
@@ -305,7 +305,7 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
     radius = max(float(np.hypot(*ray[0])), 1e-9)
     place = tip + (np.clip(radius, inner + 1e-6, outer - 1e-6) / radius - 1) * ray
     part, raised = np.linspace(0.0, 1.0, 21)[:, None], cell.lift is not None
-    for here in [Poses(place, side) for side in (own, -own)][: 2 if radius > outer else 1]:
+    for here in [Waypoints(place, side) for side in (own, -own)][: 2 if radius > outer else 1]:
         path = forward(parameters, joints + part * (space.joints(here)[0] - joints))
         near = space.edges.distance(path, path)
         away = (near >= np.clip(near[0], 0.0, space.clearance) - 1e-9).all() and not space.is_inside(path).any()
@@ -322,7 +322,7 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
     beside = place + 1e-6 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     slopes = space.edges.distance(beside, beside)[:, k]
     out = place + (space.clearance + 1e-3 - near[-1, k]) * (slopes[:2] - slopes[2:]) / 2e-6
-    both = Poses(np.concatenate([place, out]), np.concatenate([here.posture] * 2))
+    both = Waypoints(np.concatenate([place, out]), np.concatenate([here.posture] * 2))
     return both if space.may_move(here, out)[0] else here, ''
 
 

@@ -31,7 +31,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
 from scara_kinetostatic.model.kinetostatics import press_aside, tip_yield
 from scara_kinetostatic.model.parameters import Parameters, quantity
-from scara_kinetostatic.planning.motion import Poses
+from scara_kinetostatic.planning.motion import Waypoints
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker, length
@@ -377,7 +377,7 @@ class Runner:
     def _go_on(self) -> Iterator[None]:
         """Touch by touch; first the one that was interrupted."""
         while True:
-            chosen: tuple[Target, Poses] | End | None = self.campaign.poll()
+            chosen: tuple[Target, Waypoints] | End | None = self.campaign.poll()
             if chosen is None and not self._paused:
                 chosen = self.campaign.choose(self._here()[:2], self.target)
             if isinstance(chosen, End):  # the robot stands free; with a lift, the tip is raised
@@ -545,7 +545,7 @@ class Runner:
                 raise Fault('the joints do not come to rest', may_retract=False)
             yield
 
-    def _travel(self, target: Target, way: Poses) -> Iterator[None]:
+    def _travel(self, target: Target, way: Waypoints) -> Iterator[None]:
         """To where the approach begins."""
         planner, cell = self._planner, self.cell
         self._say('travel', f'next: {self.campaign.name(target)}, {target.reason}')
@@ -558,7 +558,7 @@ class Runner:
                 along = way.tip[k] - way.tip[k - 1]
                 part = np.linspace(0.0, 1.0, max(2, int(np.hypot(*along) / _STEP)))[1:, None]
                 tips = way.tip[k - 1] + part * along
-                pieces.append(joint_angles(planner, Poses(tips, np.full(len(tips), way.posture[k]))))
+                pieces.append(joint_angles(planner, Waypoints(tips, np.full(len(tips), way.posture[k]))))
             else:
                 pieces.append(before + np.linspace(0.0, 1.0, 20)[1:, None] * (corner - before))
         joints, weight = np.concatenate(pieces), 1.0
@@ -602,7 +602,7 @@ class Runner:
         count = int((begin + 4e-3) / (0.1 * _STEP)) + 2
         depths = np.linspace(0.0, begin + 4e-3, count)
         tips = start - depths[:, None] * normal
-        joints = joint_angles(planner, Poses(tips, np.full(count, plan.posture[0])))
+        joints = joint_angles(planner, Waypoints(tips, np.full(count, plan.posture[0])))
         here = self._here()
         joints[0] = here[:2]
         track = Track.of(np.column_stack([joints, np.full(count, here[2])]), self._parameters)

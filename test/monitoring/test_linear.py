@@ -1,4 +1,4 @@
-"""Touches as linear measurements: derivatives, the algebra of evidence, objects known or new; what may have changed."""
+"""Touches as linear measurements: derivatives, objects known or new; what may have changed."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import Plate
 from scara_kinetostatic.monitoring.comparison import compare
 from scara_kinetostatic.monitoring.hypotheses import change_title, hypotheses_of
-from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
+from scara_kinetostatic.monitoring.linear import CalibratedState, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 
 def test_the_residual_is_that_of_a_change(record: CalibrationRecord) -> None:
-    state, touches = State.of(record), touches_of(DECLARED, 1)
+    state, touches = CalibratedState.of(record), touches_of(DECLARED, 1)
     measured = measure(touches, record, state)
     for name, size in (('theta2', 1e-5), ('p1', 1e-6), ('object_position[disc_1].x', 1e-5), ('force_gain', 1e-3)):
         place = state.place(name)
@@ -34,29 +34,6 @@ def test_the_residual_is_that_of_a_change(record: CalibrationRecord) -> None:
         np.testing.assert_allclose(moved.residual, expected, rtol=0, atol=0.05 * largest)
 
 
-def test_evidence_is_that_of_the_joint_distribution() -> None:
-    random = np.random.default_rng(0)
-    rows, residual = random.normal(size=(40, 5)), random.normal(size=40)
-    root = random.normal(size=(5, 3))
-    covariance, mean = root @ root.T, root @ random.normal(size=3)  # singular
-    found = Evidence.of(Information(rows.T @ rows, rows.T @ residual), covariance, mean)
-    spread = np.eye(40) + rows @ covariance @ rows.T
-    np.testing.assert_allclose(found.matrix, rows.T @ np.linalg.solve(spread, rows), atol=1e-9)
-    np.testing.assert_allclose(found.score, rows.T @ np.linalg.solve(spread, residual - rows @ mean), atol=1e-9)
-    statistic, freedoms, change, std, _ = found.ratio([1, 3])
-    block = found.matrix[np.ix_([1, 3], [1, 3])]
-    np.testing.assert_allclose(change, np.linalg.solve(block, found.score[[1, 3]]))
-    np.testing.assert_allclose(statistic, found.score[[1, 3]] @ change)
-    np.testing.assert_allclose(std**2, np.diag(np.linalg.inv(block)))
-    assert freedoms == 2
-    free = found.beside(np.eye(5)[:, [0, 2, 4]])  # all others may have changed, too
-    inverse = np.linalg.inv(found.matrix)
-    np.testing.assert_allclose(free.ratio([1, 3]).std ** 2, np.diag(inverse)[[1, 3]])
-    np.testing.assert_allclose(free.ratio([1, 3]).change, (inverse @ found.score)[[1, 3]])
-    every = free.ratio(range(5))
-    assert every.freedoms == 2 and (np.isnan(every.std) == [True, False, True, False, True]).all()
-
-
 def test_touches_are_those_that_the_sensor_reported(record: CalibrationRecord) -> None:
     assert abs(record.arm.sensor.rotation) > 1e-4
     np.testing.assert_allclose(record.touches.force, touches_of(DECLARED, 0).force, rtol=1e-9)
@@ -64,15 +41,16 @@ def test_touches_are_those_that_the_sensor_reported(record: CalibrationRecord) -
 
 def test_an_object_described_otherwise_is_a_new_one(record: CalibrationRecord) -> None:
     name = 'object_position[disc_2].x'
-    same = State.of(record)
+    same = CalibratedState.of(record)
     moved = DECLARED.discs[1]._replace(x=0.21)
-    other = State.of(record, replace(DECLARED, discs=(DECLARED.discs[0], moved, DECLARED.discs[2])))
-    known, new = (np.sqrt(s.covariance[s.place(name), s.place(name)]) * s.scale[s.place(name)] for s in (same, other))
+    other = CalibratedState.of(record, replace(DECLARED, discs=(DECLARED.discs[0], moved, DECLARED.discs[2])))
+    place = same.place(name)
+    known, new = (np.sqrt(s.known.covariance[place, place]) * s.scale[place] for s in (same, other))
     np.testing.assert_allclose(new, 1.5e-5)
     np.testing.assert_allclose(known, std_of(record, name))
-    assert same.covariance[same.place(name), 0] != 0 == other.covariance[other.place(name), 0]
-    exact = State.of(record_of(CELL, 0, world=None))
-    assert not exact.covariance[12:].any()
+    assert same.known.covariance[same.place(name), 0] != 0 == other.known.covariance[other.place(name), 0]
+    exact = CalibratedState.of(record_of(CELL, 0, world=None))
+    assert not exact.known.covariance[12:].any()
 
 
 PLATED = replace(
@@ -89,7 +67,7 @@ def with_effects(seed: int, labels: tuple[str, ...], given: tuple[str, ...]) -> 
 
 def test_names_and_units() -> None:
     record = as_record(calibrate(touches_of(PLATED, 0), PLATED))
-    state = State.of(record)
+    state = CalibratedState.of(record)
     everything = {h.name: h for h in hypotheses_of(state)}
     units = {'base': 'm m rad', 'p1': 'rad/Nm', 'object_position[disc_3]': 'm m', 'plate_position[a]': 'm m'}
     units |= {'plate_angle[a]': 'rad', 'force_gain': '1'}
@@ -108,7 +86,7 @@ def test_values_of_effects() -> None:
     given = ('object_radius[disc_2]:radius=6e-5', 'encoder_gain[joint1]:gain=1e-3')
     labels = ('object_radius[disc_2]', 'encoder_gain[joint1]')
     one, other = with_effects(0, labels, given), with_effects(1, labels, given)
-    state = State.of(one)
+    state = CalibratedState.of(one)
     found = {h.name: h for h in hypotheses_of(state)}
     assert found['encoder_gain[joint1]'].units == ('1',)
     assert [state.names[k] for k in found['object_radius[disc_2]'].places] == ['object_radius[disc_2]']

@@ -16,7 +16,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc, Plate
-from scara_kinetostatic.monitoring.linear import State
+from scara_kinetostatic.monitoring.linear import CalibratedState
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
@@ -55,7 +55,7 @@ def test_undetected_effects_beside_loosely_known_plates() -> None:
     cell = replace(CELL, discs=discs, plates=plates)
     known = as_record(calibrate_touches(touches_of(CELL, 0), cell).final)
     assert known.undetected.columns
-    covariance = State.of(known).covariance
+    covariance = CalibratedState.of(known).known.covariance
     assert np.linalg.eigvalsh(covariance).min() > -1e-9 * np.linalg.eigvalsh(covariance).max()
     found = verify(Detection.of(touches_of(CELL, 1)), known)
     assert 0.5 < found.tip_error / found.expected < 1.5

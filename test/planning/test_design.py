@@ -33,7 +33,7 @@ from scara_kinetostatic.model.kinetostatics import DRAG
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, Statement, exact_plan, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import RobotModel, Statement, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.planning.report import design_report
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.report.quantities import micrometres
@@ -53,7 +53,7 @@ CELLS = {
         plates=(Plate('a', 0.0, 0.3, center_std=1e-3, angle_std=2e-3),),
     ),
 }
-ROBOT = Robot.of(CELL, PAPER_ACTUAL)
+ROBOT = RobotModel.of(CELL, PAPER_ACTUAL)
 PLAN = default_plan(CELL)
 
 
@@ -61,7 +61,7 @@ PLAN = default_plan(CELL)
 @pytest.mark.parametrize('frame', list(SensorFrame))
 def test_exact_touches_satisfy_the_conditions(truth, frame):
     cell = Cell(PAPER_NOMINAL, PAPER_DISCS, sensor=Sensor(frame=frame), noise=CELL.noise)
-    exact = exact_plan(Robot.of(cell, truth), PLAN)
+    exact = exact_plan(RobotModel.of(cell, truth), PLAN)
     assert np.abs(exact.point.linear.misclosure).max() < 1e-12
     simulated = simulate_touches(cell, truth, PLAN, Noise(0.0, 0.0))
     np.testing.assert_allclose(exact.observations.joints, simulated.joints, atol=1e-12)
@@ -97,7 +97,7 @@ def test_a_planned_touch_has_the_reading_of_a_sensor_that_errs():
 def test_prediction_is_what_the_calibration_states(name, frame):
     cell = replace(CELLS[name], sensor=Sensor(frame=frame), nominal=PAPER_NOMINAL.replace(l1=PAPER_ACTUAL.l1))
     found = calibrate(simulate_touches(cell, PAPER_ACTUAL, PLAN, seed=3), cell)
-    prediction = predict(Robot.of(cell, PAPER_ACTUAL), PLAN)
+    prediction = predict(RobotModel.of(cell, PAPER_ACTUAL), PLAN)
     np.testing.assert_allclose(prediction.std, found.std, rtol=0.03)
     tip = tip_in_use(ROBOT, 40.0)[:, :1]
     parts = prediction.contributions(tip)
@@ -107,7 +107,7 @@ def test_prediction_is_what_the_calibration_states(name, frame):
 
 @pytest.fixture(scope='module')
 def stated():
-    return optimal_design(Robot.of(CELL))
+    return optimal_design(RobotModel.of(CELL))
 
 
 def test_the_statement_is_that_of_robots_with_every_small_error(stated):
@@ -136,9 +136,11 @@ def test_what_limits_is_said_and_what_helps(stated):
     assert f'108, evenly distributed, would leave {micrometres(many.expanded)} µm' in said
     assert 'from undetected object position: measure the objects better, and declare it' in said
     known = replace(CELL, discs=tuple(d._replace(center_std=1e-6, radius_std=1e-6) for d in CELL.discs))
-    assert Statement.of(Robot.of(known), stated.plan).expanded < 0.9 * stated.statement.expanded
+    assert Statement.of(RobotModel.of(known), stated.plan).expanded < 0.9 * stated.statement.expanded
     nothing = EffectSizes(SizeMode.NONE)
-    alone = Statement.of(Robot.of(replace(CELL, uncertainty=replace(CELL.uncertainty, effects=nothing))), stated.plan)
+    alone = Statement.of(
+        RobotModel.of(replace(CELL, uncertainty=replace(CELL.uncertainty, effects=nothing))), stated.plan
+    )
     assert [*alone.parts] == ['noise of the touches']
     # of one force, with both axes together in one and the worst direction in the other
     assert 0.5 < alone.expanded / (2 * stated.tip_std) < 2.0
@@ -166,7 +168,7 @@ def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
 
 def test_one_disc_leaves_the_robot_free_to_turn_about_it():
     cell = Cell(PAPER_NOMINAL, PAPER_DISCS[:1], noise=CELL.noise)
-    robot = Robot.of(cell)
+    robot = RobotModel.of(cell)
     prediction = predict(robot, default_plan(cell))
     assert prediction.rank == 11
     assert np.isinf(tip_std(tip_in_use(robot, 40.0)[:, :1], prediction).max())
@@ -202,4 +204,4 @@ def test_the_tip_keeps_to_region_and_limits_and_refuses_none():
 def test_unreachable_touch_is_named():
     far = replace(CELL, discs=(PAPER_DISCS[0], PAPER_DISCS[1]._replace(x=3.0), PAPER_DISCS[2]))
     with pytest.raises(UnsupportedDataError, match='cannot reach touch'):
-        predict(Robot.of(far), PLAN)
+        predict(RobotModel.of(far), PLAN)

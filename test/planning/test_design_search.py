@@ -18,18 +18,17 @@ from scara_kinetostatic.planning.candidate_touches import (
     checked,
     choose,
     largest_variance,
-    leverages,
     prepare_candidates,
     variance_with_each,
     without_each,
 )
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design, required
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 NOISE = Noise(joint=1e-5, force=0.3)
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
-ROBOT = Robot.of(CELL, PAPER_ACTUAL)
+ROBOT = RobotModel.of(CELL, PAPER_ACTUAL)
 DECLARED = replace(CELL, discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_DISCS))
 EASY = Requirements(accuracy=1.05e-5, levels=(10.0, 40.0), per_disc=9)
 
@@ -65,7 +64,7 @@ def some(candidates):
 
 @pytest.mark.parametrize('cell', [CELL, DECLARED], ids=['exact', 'declared'])
 def test_candidates_judge_as_the_prediction_does(cell):
-    robot = Robot.of(cell, PAPER_ACTUAL)
+    robot = RobotModel.of(cell, PAPER_ACTUAL)
     candidates, tip = prepared(robot), tip_of(robot)
     assert exact_plan(robot, candidates.plan).arms.min() >= 0.02
     chosen = np.arange(0, len(candidates.plan), 5)
@@ -93,16 +92,16 @@ def test_no_exchange_gains_and_no_other_set_is_better(judged, some):
 def test_a_touch_that_no_other_checks_gets_others(judged):
     low = judged.plan.force < 40.0  # a single touch of another level separates p_ee from g_ee alone
     chosen = [*np.flatnonzero(~low)[:60:4].tolist(), int(np.flatnonzero(low)[0])]
-    assert leverages(judged, chosen)[-1] > MOST_LEVERAGE
+    assert judged.leverages(chosen)[-1] > MOST_LEVERAGE
     more = checked(judged, chosen)
     assert more[: len(chosen)] == chosen and len(more) < len(chosen) + 10
-    assert leverages(judged, more).max() <= MOST_LEVERAGE
+    assert judged.leverages(more).max() <= MOST_LEVERAGE
     assert checked(judged, more) == more
 
 
 def test_leverage_bounds_what_a_loss_does(candidates, some):
     """√(1 / (1 - λ)) bounds the growth of every standard deviation, with and without a touch that matters."""
-    own, c = leverages(candidates, some), candidates.information_of(some)
+    own, c = candidates.leverages(some), candidates.information_of(some)
     for k, touch in enumerate(some):
         before, after = (np.diag(np.linalg.inv(part)) for part in (c, c - candidates.information[touch]))
         assert np.sqrt((after / before).max()) <= 1 / np.sqrt(1 - own[k]) + 1e-9
@@ -139,14 +138,14 @@ def test_every_disc_is_touched_as_often_as_touches_suffice_for(judged, number):
 
 
 def test_declared_uncertainties_limit_the_accuracy_and_are_named():
-    found = optimal_design(Robot.of(DECLARED), replace(EASY, accuracy=None, per_disc=6))
+    found = optimal_design(RobotModel.of(DECLARED), replace(EASY, accuracy=None, per_disc=6))
     assert found.accuracy < 1e-4
     assert found.accuracy == pytest.approx(1.1 * found.least_possible)
     parts = found.contributions
     assert sum(value**2 for value in parts.values()) == pytest.approx(found.tip_std**2)
     assert max(parts, key=parts.get) == 'object_position'
     with pytest.raises(UnsupportedDataError, match='object_position alone') as caught:
-        optimal_design(Robot.of(replace(DECLARED, tolerance=2e-6)), replace(EASY, accuracy=None))
+        optimal_design(RobotModel.of(replace(DECLARED, tolerance=2e-6)), replace(EASY, accuracy=None))
     assert str(caught.value).startswith('an accuracy of 1 µm (half of tolerance.tip: k = 2) is out of reach')
 
 

@@ -18,7 +18,7 @@ from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import choose
 from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.planner import Planner
-from scara_kinetostatic.planning.prediction import Robot, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.running.campaign import calibrated
 from scara_kinetostatic.simulation.plan import default_plan
@@ -52,7 +52,7 @@ def normal():
     random = np.random.default_rng(1)
     roots = random.normal(size=(3, 5, 5))
     probability, change = np.array([0.6, 0.3, 0.1]), random.normal(size=(3, 5))
-    return Rivals(Robot.of(CELL), (('a',), ('b',), ()), probability, 1.0, change, roots @ roots.swapaxes(1, 2))
+    return Rivals(RobotModel.of(CELL), (('a',), ('b',), ()), probability, 1.0, change, roots @ roots.swapaxes(1, 2))
 
 
 def bound(rivals, rows):

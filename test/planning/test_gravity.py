@@ -14,7 +14,7 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import LEAST_ARM, candidate_plan
 from scara_kinetostatic.planning.planner import Planner
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
@@ -32,7 +32,7 @@ NONE = EffectSizes(SizeMode.NONE)
 
 
 def test_a_fit_scatters_as_predicted():
-    robot = Robot.of(CELL, TRUTH)
+    robot = RobotModel.of(CELL, TRUTH)
     every = candidate_plan(robot, (10.0, 40.0), per_disc=12)
     predicted = predict(robot, every)
     assert predicted.rank == 14 and tip_std(tip_in_use(robot, 40.0)[:, :1], predicted).max() < 2e-5
@@ -42,10 +42,10 @@ def test_a_fit_scatters_as_predicted():
 
 
 def test_touches_whose_flank_is_doubtful_are_no_candidates():
-    robot = Robot.of(CELL)
+    robot = RobotModel.of(CELL)
     kept = candidate_plan(robot, (10.0, 40.0))
     assert (exact_plan(robot, kept).arms >= LEAST_ARM).all()
-    level = candidate_plan(Robot.of(replace(CELL, nominal=sk.PAPER_NOMINAL)), (10.0, 40.0))
+    level = candidate_plan(RobotModel.of(replace(CELL, nominal=sk.PAPER_NOMINAL)), (10.0, 40.0))
     assert 0.2 * len(level) < len(kept) < 0.9 * len(level)
     force, modes = -kept.force[:, None] * kept.normal(CELL), []
     for lighter in (0.85, 1.0, 1.15):  # as long as the moments are about right

@@ -24,7 +24,7 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import declared_rows, largest_variance
-from scara_kinetostatic.planning.motion import Edges, short_order
+from scara_kinetostatic.planning.motion import Capsules, short_order
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.prediction import tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
@@ -215,7 +215,7 @@ def test_waves_and_slip_are_among_what_is_undecided(label):
 
 
 def test_distances_of_moves_from_edges():
-    edges = Edges(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0.1, 0.2]))
+    edges = Capsules(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0.1, 0.2]))
     a, b = np.array([[0.5, 0.0], [-0.5, 0.5], [0.5, 2.0]]), np.array([[0.5, 1.0], [0.5, 0.5], [0.5, 3.0]])
     expected = [
         [0.4, np.hypot(0.5, 0.0) - 0.2],

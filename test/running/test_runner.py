@@ -24,7 +24,7 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.planning.motion import Poses, Space
+from scara_kinetostatic.planning.motion import Space, Waypoints
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.running.campaign import Campaign, End, Knowledge, calibrated, clear_start
 from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Fault, Track
@@ -590,11 +590,13 @@ def test_from_every_place_of_a_way_another_one_leads_on(cell):
             joints = track.place(at)[:2] + rng.uniform(-1e-3, 1e-3, 2)
             start, problem = clear_start(planner, joints)
             assert problem == ''
-            stops = Poses(*(np.concatenate(parts) for parts in zip(start.select(slice(-1, None)), goal, strict=True)))
+            stops = Waypoints(
+                *(np.concatenate(parts) for parts in zip(start.select(slice(-1, None)), goal, strict=True))
+            )
             assert np.isfinite(planner.roadmap.ways(stops).lengths[0, 1])
             stretched += np.hypot(*forward(cell.nominal, joints)) > planner.space.reach
     assert stretched >= 1
-    inside = Poses(np.array([[-0.25, 0.30]]), np.array([1]))
+    inside = Waypoints(np.array([[-0.25, 0.30]]), np.array([1]))
     assert 'from disc_1): move it away' in clear_start(planner, planner.space.joints(inside)[0])[1]
 
 
@@ -604,7 +606,7 @@ def test_between_two_objects_the_tip_comes_no_nearer_to_either():
     pair = (Disc('a', -0.05 - gap / 2, 0.4, 0.05), Disc('b', 0.05 + gap / 2, 0.4, 0.05))
     narrow = Planner(nominal_arm(replace(CELL, discs=pair)))
     tip = np.array([[2e-4, 0.4]])
-    start, problem = clear_start(narrow, narrow.space.joints(Poses(tip, np.array([1])))[0])
+    start, problem = clear_start(narrow, narrow.space.joints(Waypoints(tip, np.array([1])))[0])
     assert (problem, len(start.tip)) == ('', 1)
     along, across = np.array([0.0, 0.1]), np.array([1e-3, 0.0])
     leaves = [narrow.space.is_clear(tip, tip + step, leaves=True)[0] for step in (along, across)]
