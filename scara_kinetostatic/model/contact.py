@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs, pick, put
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.joint_law import pull_of
 from scara_kinetostatic.model.kinematics import GripperSign, forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
 from scara_kinetostatic.model.touch_equations import (
@@ -39,7 +40,6 @@ from scara_kinetostatic.model.touch_equations import (
     move_links,
     next_modes,
     parameter_derivative,
-    pull_of,
     step_links,
     touch_equations,
     view_arm,
@@ -217,7 +217,7 @@ def nearest_equilibrium(model: ExtendedModel, problem: ContactProblem, state: St
     # a lever arm is small if the backlash of the joints, times 2.5, could change its sign
     lever = arm.lever
     if (pull := pull_of(p, arm.link1, arm.link2)) is not None:
-        lever = lever + pull.torque / np.maximum(np.abs(state.magnitude), 1.0)
+        lever = lever + np.array(pull.torque) / np.maximum(np.abs(state.magnitude), 1.0)
     toggles = (np.abs(lever) < 2.5 * slide * (1 + b / np.abs(radii))).any(axis=0)
     if not toggles.any():
         return state

@@ -14,7 +14,7 @@ deviations, and a straight line across the dead band between. So the joint angle
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
 3/4 or more, also where a link is pressed along itself: the equations have one solution, so H̄ and Ḡ are each other's
 inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n. Under gravity c contains its torque
-(`touch_equations`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
+(`joint_law`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
 
 What is left out inside the band, the sign, is part of the uncertainty: the variance g²/3 (1 - s²), that of a uniform
 distribution over the dead band at its middle, nothing at its edge.
@@ -41,6 +41,15 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.joint_law import (
+    NO_TORQUE,
+    Four,
+    Pull,
+    deflection,
+    inverse_of_derivative,
+    place_in_band,
+    pull_of,
+)
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
@@ -99,7 +108,7 @@ class Loading(NamedTuple):
         s2: of joint 2.
         k1: dq1*-slope of the law, p1 + g1 s'/b1, rad/Nm.
         k2: of joint 2.
-        pull: what gravity takes from both torques per angle of their joints, Nm/rad; None without.
+        pull: gravity on both joints; None without.
     """
 
     x1: Any
@@ -113,7 +122,7 @@ class Loading(NamedTuple):
     s2: Any
     k1: Any
     k2: Any
-    pull: tuple[Any, Any] | None = None
+    pull: Pull | None = None
 
     @property
     def in_band(self) -> Any:
@@ -126,11 +135,7 @@ class Loading(NamedTuple):
 
 
 def load_arm(
-    p: Parameters,
-    links: tuple[Any, Any, Any, Any],
-    offset: tuple[Any, Any],
-    force: Force,
-    gravity_std: tuple[float, float] = (0.0, 0.0),
+    p: Parameters, links: Four, offset: tuple[Any, Any], force: Force, gravity_std: tuple[float, float] = (0.0, 0.0)
 ) -> Loading:
     """The torques of the arm and its places in the dead bands; floats, or arrays of any one shape.
 
@@ -141,37 +146,33 @@ def load_arm(
         force: on the object.
         gravity_std: as `Law.gravity_std`.
     """
-    x1, y1, x2, y2 = links
-    c2 = x2 * force.y - y2 * force.x
-    c1 = x1 * force.y - y1 * force.x + c2
+    (x1, y1, x2, y2), fx, fy = links, force.x, force.y
+    c2 = x2 * fy - y2 * fx
+    c1 = x1 * fy - y1 * fx + c2
     known1, known2 = c1, c2
     if force.held is not None:
         x, y = force.held
         known2 = x2 * y - y2 * x
         known1 = x1 * y - y1 * x + known2
     own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
-    pull = None
-    if p.has_gravity:  # `model.touch_equations`
-        gravity1, gravity2 = p.gravity_of_links
-        per1, per2 = p.s1 / p.l1, p.s2 / p.l2
-        on1, on2 = -per1 * gravity1 * (x1 - 1j * y1), -per2 * gravity2 * (x2 - 1j * y2)
-        pull1, turn1, pull2, turn2 = on1.imag + on2.imag, on1.real + on2.real, on2.imag, on2.real
-        c1, c2, known1, known2, pull = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2, (turn1, turn2)
-        own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(gravity1)
-    x, y = x1 + x2, y1 + y2
+    x, y, pull = x1 + x2, y1 + y2, None
     b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
-    if pull is not None:
-        b1, b2 = b1 + SIGN_KNOWN * gravity_std[0], b2 + SIGN_KNOWN * gravity_std[1]
-    u1, u2 = known1 / b1, known2 / b2
-    inside1, inside2 = abs(u1) < 1, abs(u2) < 1
-    s1, s2 = inside1 * u1 + (u1 >= 1) - (u1 <= -1), inside2 * u2 + (u2 >= 1) - (u2 <= -1)
-    k1, k2 = p.p1 + inside1 * (p.g1 / b1), p.p2 + inside2 * (p.g2 / b2)
+    if p.has_gravity:
+        pull = pull_of(p, (x1 + 1j * y1) / p.l1, (x2 + 1j * y2) / p.l2)
+        assert pull is not None
+        pull1, pull2 = pull.torque
+        c1, c2, known1, known2 = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2
+        steepest = STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(complex(*p.gravity))
+        b1 = b1 + SIGN_KNOWN * gravity_std[0] + abs(p.g1) * steepest
+        b2 = b2 + SIGN_KNOWN * gravity_std[1] + abs(p.g2) * steepest
+    (s1, slope1), (s2, slope2) = place_in_band(known1, b1), place_in_band(known2, b2)
+    k1, k2 = p.p1 + p.g1 * slope1, p.p2 + p.g2 * slope2
     return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2, pull)
 
 
 def newton_step(
     p: Parameters, joints: tuple[Any, Any], angles: tuple[Any, Any], turn: Any, at: Loading, force: Force
-) -> tuple[Any, Any, tuple[Any, Any, Any, Any]]:
+) -> tuple[Any, Any, Four]:
     """By what Q* is to be smaller for law (6) to hold, rad, and M⁻¹ by rows; floats, or arrays of any one shape.
 
     Args:
@@ -182,21 +183,20 @@ def newton_step(
         at: the arm there.
         force: on the object.
     """
-    row1 = angles[0] - p.theta1 - joints[0] + p.p1 * at.c1 + p.g1 * at.s1 + turn[0]
-    row2 = angles[1] - angles[0] - p.theta2 - joints[1] + p.p2 * at.c2 + p.g2 * at.s2 + turn[1]
+    row1 = angles[0] - p.theta1 - joints[0] + deflection(p.p1, p.g1, at.c1, at.s1) + turn[0]
+    row2 = angles[1] - angles[0] - p.theta2 - joints[1] + deflection(p.p2, p.g2, at.c2, at.s2) + turn[1]
     rows = i11, i12, i21, i22 = inverse_of_rows(at, force)
     return i11 * row1 + i12 * row2, i21 * row1 + i22 * row2, rows
 
 
-def inverse_of_rows(at: Loading, force: Force) -> tuple[Any, Any, Any, Any]:
-    """M⁻¹ by rows, M = I + diag(k) ∂C/∂Q* at constant F."""
-    c22 = -(force.x * at.x2 + force.y * at.y2)
-    c11 = c22 - (force.x * at.x1 + force.y * at.y1)
+def inverse_of_rows(at: Loading, force: Force) -> Four:
+    """M⁻¹ by rows at constant F."""
+    fx, fy = force.x, force.y
+    turn2 = fx * at.x2 + fy * at.y2
+    turn1 = turn2 + fx * at.x1 + fy * at.y1
     if at.pull is not None:
-        c11, c22 = c11 - at.pull[0], c22 - at.pull[1]
-    m11, m12, m21, m22 = 1.0 + at.k1 * c11, at.k1 * c22, at.k2 * c22, 1.0 + at.k2 * c22
-    scale = 1.0 / (m11 * m22 - m12 * m21)
-    return m22 * scale, -m12 * scale, -m21 * scale, m11 * scale
+        turn1, turn2 = turn1 + at.pull.turn[0], turn2 + at.pull.turn[1]
+    return inverse_of_derivative((1.0, 1.0), (at.k1, at.k2), (turn1, turn2))
 
 
 @dataclass(frozen=True)
@@ -218,8 +218,8 @@ class Law:
 
     def offset(self, force: Force) -> tuple[Any, Any]:
         """S - H(Q*) by the gripper, m; floats, or arrays of any one shape."""
-        slope, own = self.gripper.slope(self.model.parameters), self.model.parameters.g_ee * force.place
-        return slope * force.x - own * force.nx, slope * force.y - own * force.ny
+        slope, gap = self.gripper.slope(self.model.parameters), -self.model.parameters.g_ee * force.place
+        return deflection(slope, gap, force.x, force.nx), deflection(slope, gap, force.y, force.ny)
 
     def loading(self, first: Floats, second: Floats, force: Force) -> Loading:
         """The arm with its links at absolute angles `first` and `second`, (n,), rad."""
@@ -229,7 +229,7 @@ class Law:
             return load_arm(p, links, offset, force, self.gravity_std)
         exactly = force._replace(std=1.0)  # any: the places in the bands are replaced
         at = load_arm(p, links, offset, exactly)
-        c1, c2 = (np.where(np.abs(c) <= 1e-13 * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
+        c1, c2 = (np.where(np.abs(c) <= NO_TORQUE * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
         return at._replace(c1=c1, c2=c2, s1=np.sign(c1), s2=np.sign(c2), k1=p.p1, k2=p.p2)
 
     def touch_state(self, joints: Floats, at: Loading, force: Force, metadata: TouchMetadata) -> TouchState:
@@ -336,7 +336,6 @@ def joints_under_load(
         begin: poses nearby to begin at; None for those without effects.
     """
     p, offset, once = law.model.parameters, np.array(law.offset(force)).T, not law.model.acting.effects
-    compliance, backlash = np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
     turn, moved = (np.zeros((2, len(tip))), np.zeros((len(tip), 2))) if begin is None else begin.shift
     state, joints = None, np.zeros((2, len(tip)))  # far off: the shift is taken at least once
     change = joints
@@ -344,7 +343,8 @@ def joints_under_load(
         links = inverse(p, tip - offset - moved, posture).T
         first = links[0] + p.theta1
         at = law.loading(first, first + links[1] + p.theta2, force)
-        found = links + compliance * np.array([at.c1, at.c2]) + backlash * np.array([at.s1, at.s2]) + turn
+        torques, places = np.array([at.c1, at.c2]), np.array([at.s1, at.s2])
+        found = links + deflection(p.joint_compliances, p.joint_backlashes, torques, places) + turn
         joints, change = found, np.abs(found - joints)
         # where the place is out of reach it is not a number
         if once or not (change > _ROUNDING).any():
@@ -412,7 +412,7 @@ def _variance(covariance: Floats) -> Floats:
     return np.asarray(covariance[..., 0, 0] + covariance[..., 1, 1])
 
 
-def tip_by_joints(at: Loading, rows: tuple[Any, Any, Any, Any], with_yaw: bool = False) -> Floats:
+def tip_by_joints(at: Loading, rows: Four, with_yaw: bool = False) -> Floats:
     """G = ∂S/∂Q at fixed F, (n, 2, 2), of floats (2, 2), m/rad; the angle of link 2 may be a third row.
 
     Args:
@@ -441,16 +441,13 @@ def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: 
         state: the poses as effects take them; None without effects.
     """
     p, s = law.model.parameters, law.gripper.factor
-    gravity1, gravity2 = p.gravity_of_links
     u1x, u1y, u2x, u2y = at.x1 / p.l1, at.y1 / p.l1, at.x2 / p.l2, at.y2 / p.l2
     joints = LoadedJoints(
         slope=(at.k1, at.k2),
         moment=(u1x * force.y - u1y * force.x, u2x * force.y - u2y * force.x),
         torque=(at.c1, at.c2),
         sense=(at.s1, at.s2),
-        pull=((at.k1, at.k2), (-(gravity1 * (u1x - 1j * u1y)).imag, -(gravity2 * (u2x - 1j * u2y)).imag))
-        if p.has_gravity
-        else None,
+        pull=None if at.pull is None else ((at.k1, at.k2), at.pull.per_moment),
     )
     parts = (
         ((1.0, 0.0), (u1x, u2x), (s * force.x, -force.place * force.nx)),

@@ -24,15 +24,8 @@ becomes a_i = 0, the force line passes through the joint's axis, and q_i no
 longer matters as long as the joint stays inside its backlash. The modes are found as
 in a complementarity problem, see `next_modes`.
 
-**Gravity** g in the plane of the arm pulls each link down with the torque s (e × g), s its static moment and e its unit
-vector. Both torques on the links have to be held by the actuators: the robot's force F on the object comes back as -F,
-with the torques -JᵀF = -f a; so the actuators exert C = f a - τ,
-
-    τ1 = s1 (e1 × g) + s2 (e2 × g),   τ2 = s2 (e2 × g),
-
-and in (6) C replaces f a, in the dead band too: `Pull` holds t = -τ. As the links turn, t changes as the lever arms do:
-dt1 = -k1 dq1 - k2 dq2, dt2 = -k2 (dq1 + dq2), with k = -(s1 e1·g + s2 e2·g, s2 e2·g). A joint floats where C = 0. Its
-row is C / f then, of which f counts as a constant. The moments of link 2 and of a load count at the elbow for s1.
+**Gravity** (`joint_law`) adds a torque t to f a: the actuators exert C = f a + t. A joint floats where C = 0. Its row
+is C / f then, of which f counts as a constant.
 
 **Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b], G = A M⁻¹,
 the circle's residual h and its derivatives with respect to the measured quantities and to L̄ are
@@ -55,6 +48,7 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.joint_law import Four, Pull, deflection, inverse_of_derivative, pull_of
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import Parameters
@@ -117,31 +111,6 @@ def view_arm(parameters: Parameters, state: State) -> Arm:
     return Arm(units[0], units[1], units[2], links, reach, -reach.imag, reach.real)
 
 
-class Pull(NamedTuple):
-    """Gravity on n touches; of joint 1 and joint 2, (2, n).
-
-    Attributes:
-        torque: t, what it adds to the torques of the actuators, Nm.
-        turn: k, what t loses per angle of its joint, Nm/rad.
-        per_moment: -(e × g) of each link, m/s².
-    """
-
-    torque: Floats
-    turn: Floats
-    per_moment: Floats
-
-
-def pull_of(parameters: Parameters, link1: Complexes, link2: Complexes) -> Pull | None:
-    """Gravity on links along unit vectors, (n,), complex; None where there is none."""
-    if not parameters.has_gravity:
-        return None
-    gravity1, gravity2 = parameters.gravity_of_links
-    seen = -np.array([gravity1 * link1.conj(), gravity2 * link2.conj()])
-    first, second = parameters.s1 * seen[0], parameters.s2 * seen[1]
-    torques = np.array([first + second, second])
-    return Pull(torques.imag, torques.real, seen.imag)
-
-
 def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -> State:
     """The modes that the state calls for, by the rule of a primal-dual active set.
 
@@ -172,6 +141,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
+LEAST_FORCE = 1e-3
+"""N; a smaller one leaves a joint within its backlash where gravity pulls it."""
 SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 1e-4
 """Part of the largest torque of gravity, and deflection by compliance, rad, below both of which the sign of a torque is
 not known: the moments are not, as touches show them by the deflection."""
@@ -319,9 +290,9 @@ class Rows(NamedTuple):
         row: residuals, rad, or m where the joint floats.
         weight: how strongly a row feels its lever arm: p f on a flank, 1 where the joint floats.
         on: 1 where the joint rests on a flank, 0 where it floats.
-        inverse: M⁻¹, (2, 2, n).
-        pulled: how strongly a row feels the torque of gravity, 1/N m: p on a flank, 1 / f where the joint floats; and
-            -(e × g) of each link, m/s², (2, n); None without gravity.
+        inverse: M⁻¹ by rows, (n,) each.
+        pulled: how strongly a row feels the torque of gravity, 1/N m, (2, n): p on a flank, 1 / f where the joint
+            floats; and the pull; None without gravity.
     """
 
     arm: Arm
@@ -329,12 +300,13 @@ class Rows(NamedTuple):
     row: Floats
     weight: Floats
     on: Floats
-    inverse: Floats
-    pulled: tuple[Floats, Floats] | None = None
+    inverse: Four
+    pulled: tuple[Floats, Pull] | None = None
 
-    def step(self, left: Floats) -> Floats:
+    def step(self, left: Floats) -> tuple[Floats, Floats]:
         """M⁻¹ times what is left of the rows, (2, n)."""
-        return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
+        i11, i12, i21, i22 = self.inverse
+        return i11 * left[0] + i12 * left[1], i21 * left[0] + i22 * left[1]
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, arm: Arm | None = None) -> Rows:
@@ -343,21 +315,14 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, arm: Arm | 
     mode = np.array(state[4:])
     on = mode * mode
     weight = on * (parameters.joint_compliances * state.magnitude) + (1.0 - on)
-    pull, pulled = pull_of(parameters, arm.link1, arm.link2), None
-    if pull is not None:
-        # N; a smaller one leaves a joint within its backlash where it is
-        force = np.where(np.abs(state.magnitude) > 1e-3, state.magnitude, 1e-3)
+    load, turn, by, pulled = arm.lever, arm.turn, weight, None
+    if (pull := pull_of(parameters, arm.link1, arm.link2)) is not None:
+        force = np.where(np.abs(state.magnitude) > LEAST_FORCE, state.magnitude, LEAST_FORCE)
         by = on * parameters.joint_compliances + (1.0 - on) / force
-        weight, pulled = by * state.magnitude, (by, pull.per_moment)
-    row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + parameters.joint_backlashes * mode
-    m11, n12, n21 = on[0] - weight[0] * arm.turn[0], weight[0] * arm.turn[1], weight[1] * arm.turn[1]
-    if pull is not None and pulled is not None:
-        row = row + pulled[0] * pull.torque
-        m11, n12 = m11 - pulled[0][0] * pull.turn[0], n12 + pulled[0][0] * pull.turn[1]
-        n21 = n21 + pulled[0][1] * pull.turn[1]
-    m22 = on[1] - n21
-    inverse = np.array([[m22, n12], [n21, m11]]) / (m11 * m22 - n12 * n21)
-    return Rows(arm, joints, row, weight, on, inverse, pulled)
+        load, turn = state.magnitude * load + pull.torque, state.magnitude * turn + pull.turn
+        weight, pulled = by * state.magnitude, (by, pull)
+    row = on * (np.array(state[:2]) - joints.T) + deflection(by, parameters.joint_backlashes, load, mode)
+    return Rows(arm, joints, row, weight, on, inverse_of_derivative(on, by, turn), pulled)
 
 
 def step_links(
@@ -445,7 +410,8 @@ def touch_equations(parameters: Parameters, problem: ContactProblem, state: Stat
         circle = across(tangent, circle - radii) + radii + edges.aside * seen
         by_f, by_d = across(tangent, by_f + 0j * f), across(tangent, by_d - 1j * radii) + 1j * radii
         by_link = across(tangent, by_link)
-    g = by_link[0] * rows.inverse[0] + by_link[1] * rows.inverse[1]
+    i11, i12, i21, i22 = rows.inverse
+    g = np.array([by_link[0] * i11 + by_link[1] * i21, by_link[0] * i12 + by_link[1] * i22])
     e = Equations(rows, circle, g, (row_f, row_d), (by_f, by_d), tangent=tangent)
     return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 
@@ -457,10 +423,10 @@ def parameter_derivative(parameters: Parameters, state: State, equations: Equati
         (n, 2, 12), with gravity (n, 2, 14): along n and t, by the parameters in the order of `Parameters.names`.
     """
     r, f, arm = equations.rows, state.magnitude, equations.rows.arm
-    torque, pull, pulled = f * arm.lever, None, pull_of(parameters, arm.link1, arm.link2)
-    if pulled is not None and r.pulled is not None:
-        torque = torque + pulled.torque
-        pull = (tuple(r.pulled[0]), tuple(r.pulled[1]))
+    torque, pull = f * arm.lever, None
+    if r.pulled is not None:
+        by, pulled = r.pulled
+        torque, pull = torque + pulled.torque, (tuple(by), pulled.per_moment)
     joints = LoadedJoints(
         slope=tuple(r.weight),
         moment=tuple(-arm.links.imag),

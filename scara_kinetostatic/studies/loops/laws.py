@@ -11,7 +11,7 @@ depend on what happened before it. P_r is the play operator of half width r (`mo
 Driven by its motion, the force is predicted. Law (6), solved for the force, is a spring with a dead zone: with the
 deflection u,
 
-    F = F0 + dz(u; g) / p,        dz(u; g) = sign(u) max(|u| - g, 0),
+    F = F0 + dz(u; g) / p        (`model.joint_law`),
 
 F0 being the zero of the force sensor and 1/p the amplitude. With u = x - x0 the force depends on the displacement
 alone. Candidates:
@@ -43,6 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.joint_law import beyond_gap, rounded_sign
 from scara_kinetostatic.model.touch import LARGEST_RATIO
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 
@@ -130,13 +131,8 @@ def reported(values: Values, zero: float) -> dict[str, float]:
     return {**found, 'force_zero': zero}
 
 
-def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
-    """dz(u; g), m."""
-    return np.asarray(np.sign(deflection) * np.maximum(np.abs(deflection) - half_gap, 0.0))
-
-
 def _spring(path: RecordPath, values: Values) -> Floats:
-    return _dead_zone(path.driver - path.driver.mean() - values['zero'], values['half_gap'])
+    return beyond_gap(path.driver - path.driver.mean() - values['zero'], values['half_gap'])
 
 
 def _softening(path: RecordPath, values: Values) -> tuple[Floats]:
@@ -149,7 +145,7 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
     half_gap = values['half_gap']
     rising, falling = half_gap + values['limit_positive'], half_gap + values['limit_negative']
     held = path.driver - path.play_operator((rising + falling) / 2, values['state'])
-    return (_dead_zone(held + (rising - falling) / 2, half_gap),)
+    return (beyond_gap(held + (rising - falling) / 2, half_gap),)
 
 
 _SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (0.01, 0.03, 0.08, 0.2), 0.0))
@@ -197,7 +193,7 @@ def _gap_that_stays(band: float) -> Columns:
 def _friction(path: RecordPath, values: Values) -> tuple[Floats, Floats]:
     """The load that friction in parallel leaves to the spring, and its sign, rounded."""
     elastic = path.play_operator(values['friction'], values['state'], values.get('friction_ratio', 0.0))
-    return elastic, elastic / np.hypot(elastic, values['rounding'])
+    return elastic, rounded_sign(elastic, values['rounding'])
 
 
 def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
