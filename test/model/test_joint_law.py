@@ -1,4 +1,4 @@
-"""The law of an elastic part with backlash (6), alone: its slope, its inverse, and the rows that Newton's method takes."""
+"""The law of an elastic part with backlash (6): its slope, its inverse, and the rows that Newton's method takes."""
 
 import numpy as np
 import pytest
