@@ -86,7 +86,7 @@ class Shape(NamedTuple):
     is_ratio: bool = False
 
 
-class Law(NamedTuple):
+class RecordLaw(NamedTuple):
     """A law of what is driven along a record.
 
     Attributes:
@@ -150,29 +150,29 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
 
 _SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (0.01, 0.03, 0.08, 0.2), 0.0))
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
-BACKLASH = Law(
+BACKLASH = RecordLaw(
     'backlash', 'backlash', 'law (6): slope and gap',
     ('stiffness',), _SPRING, lambda path, values: (_spring(path, values),),
 )  # fmt: skip
 MOTION_LAWS = (
-    Law(
+    RecordLaw(
         'softening', 'softening', 'softening spring',
         ('stiffness',), (*_SPRING, *_LIMITS), _softening,
     ),
-    Law(
+    RecordLaw(
         'viscous', 'viscous', 'damper in parallel',
         ('stiffness', 'damping'), _SPRING, lambda path, values: (_spring(path, values), path.speed),
     ),
-    Law(
+    RecordLaw(
         'friction', 'friction', 'friction in parallel',
         ('stiffness', 'friction'), _SPRING, lambda path, values: (_spring(path, values), path.sense),
     ),
-    Law(
+    RecordLaw(
         'slip_no_gap', 'slip', 'slip in series, no gap',
         ('stiffness',), (_LIMITS[0]._replace(name='limit'),),
         lambda path, values: (path.driver - path.play_operator(values['limit'], values['state']),), True,
     ),
-    Law(
+    RecordLaw(
         'slip', 'slip', 'slip in series',
         ('stiffness',), (_SPRING[1], *_LIMITS), _slip, True,
     ),
@@ -203,17 +203,17 @@ def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
 
 
 LOAD_BACKLASH = BACKLASH._replace(amplitudes=('compliance', 'half_gap'), shape=(), columns=_gap_that_returns(4.0))
-_GAP = Law(
+_GAP = RecordLaw(
     'gap', 'gap', 'gap that keeps its place when unloaded',
     LOAD_BACKLASH.amplitudes, (), _gap_that_stays(4.0), True,
 )  # fmt: skip
-_FRICTION = Law(
+_FRICTION = RecordLaw(
     'friction', 'friction', 'friction in parallel',
     LOAD_BACKLASH.amplitudes,
     (Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0), Shape('rounding', (0.01, 0.03, 0.1), most=1.0)),
     _friction, True,
 )  # fmt: skip
-_SLIP = Law(
+_SLIP = RecordLaw(
     'slip', 'slip', 'slip in series with memory',
     ('compliance', 'slip_compliance'), (Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0),),
     _slips, True,
