@@ -19,8 +19,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.loops.fit import Fit, evaluate
-from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS, Law, Values
+from scara_kinetostatic.studies.loops.fit import FittedLaw, evaluate
+from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS, RecordLaw, Values
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath
 from scara_kinetostatic.studies.loops.selection import (
     NONE,
@@ -51,7 +51,7 @@ def sine(samples: int = 640, cycles: int = 5) -> tuple[Floats, Floats]:
     return time, 0.02 * np.minimum(0.4 + 0.15 * time, 1.0) * np.sin(np.pi * time)
 
 
-def simulate_record(law: Law, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Record:
+def simulate_record(law: RecordLaw, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Record:
     """Simulated record of a law.
 
     Args:
@@ -72,16 +72,16 @@ def simulate_record(law: Law, values: Values, noise: float, seed: int, correlati
     return Record('simulated', path.time, measured, path.driver, 'N')
 
 
-def exact_force(law: Law, path: RecordPath, values: Values) -> Floats:
+def exact_force(law: RecordLaw, path: RecordPath, values: Values) -> Floats:
     """The force of a law along a motion, its parameters those that are reported, 'state' that of friction."""
     p = values['compliance']
     slips = {f'limit_{sense}': p * values.get(f'slip_{sense}', 0.0) for sense in ('positive', 'negative')}
     zero = values.get('force_zero', (slips['limit_positive'] - slips['limit_negative']) / (2 * p))
     fitted = {'stiffness': 1 / p, 'limit': sum(slips.values()) / 2, **slips, **values}
-    return zero + evaluate(Fit(law, fitted, np.empty(0), 0.0), path, values.get('state', 0.0))
+    return zero + evaluate(FittedLaw(law, fitted, np.empty(0), 0.0), path, values.get('state', 0.0))
 
 
-def values(law: Law, size: float) -> dict[str, float]:
+def values(law: RecordLaw, size: float) -> dict[str, float]:
     """Parameters of a law at a size."""
     found = {**TRUTH, 'slip_positive': size, 'slip_negative': 0.9 * size, 'damping': size, 'friction': size}
     if law.name == 'slip_no_gap':

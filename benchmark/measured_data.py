@@ -35,13 +35,13 @@ from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, fit_law, predict
-from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS, Law
+from scara_kinetostatic.studies.loops.fit import FitSamples, FittedLaw, PredictedRecord, fit_law, predict
+from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS, RecordLaw
 from scara_kinetostatic.studies.loops.record import LEVEL, Record, RecordPath, load_record
 from scara_kinetostatic.studies.loops.selection import (
-    Candidate,
     Selection,
     Study,
+    TestedLaw,
     p_independent,
     predict_records,
     select_model,
@@ -118,9 +118,9 @@ class Half(NamedTuple):
     """The later half of the long record of a joint, three predictions along all of it."""
 
     path: RecordPath
-    before: Prediction
-    own: Prediction
-    carried: Prediction
+    before: PredictedRecord
+    own: PredictedRecord
+    carried: PredictedRecord
 
     @property
     def errors(self) -> tuple[float, float, float]:
@@ -130,7 +130,7 @@ class Half(NamedTuple):
         return before, own, carried
 
 
-def later_half(joint: int) -> tuple[Half, Fit]:
+def later_half(joint: int) -> tuple[Half, FittedLaw]:
     """The later half of the long record from the earlier one, and law (6) as fitted there."""
     *others, record = read(joint)
     alone, poses_alone = Study([record]), Study(others)
@@ -141,8 +141,8 @@ def later_half(joint: int) -> tuple[Half, Fit]:
     return Half(path, *(predict(each, path, path.earlier) for each in (before, own, carried))), before
 
 
-def _fit(law: Law, study: Study, rows: Sequence[Mask]) -> Fit:
-    return fit_law([Moments(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)])
+def _fit(law: RecordLaw, study: Study, rows: Sequence[Mask]) -> FittedLaw:
+    return fit_law([FitSamples(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)])
 
 
 class Arm(NamedTuple):
@@ -200,7 +200,7 @@ class Tip(NamedTuple):
         return rms(found[0]), rms(found[1]), rms(found[2])
 
 
-def tip_displacement(halves: Sequence[Half], laws: Sequence[Fit]) -> Tip:
+def tip_displacement(halves: Sequence[Half], laws: Sequence[FittedLaw]) -> Tip:
     """The tip of the arm in the plane under the measured torques, by H̄ with law (6) and by the links with slip."""
     arm = planar_arm()
     turns = np.array([1.0, arm.sense])
@@ -300,7 +300,7 @@ def fitted(analysis: Selection) -> str:
     return ', '.join(f'{each.law.name} {1e3 * (each.whole.square / samples) ** 0.5:.4f}' for each in several)
 
 
-def describe(candidate: Candidate | None) -> str:
+def describe(candidate: TestedLaw | None) -> str:
     """Its form, or what is said without one."""
     return candidate.law.title if candidate else 'no law named'
 
@@ -366,7 +366,7 @@ def _shown(found: Poses) -> int:
     return int(np.argmax([before for before, _ in found.by_pose.values()]))
 
 
-def _content(found: Sequence[Poses], halves: dict[int, tuple[Half, Fit]], tip: Tip) -> dict[str, Any]:
+def _content(found: Sequence[Poses], halves: dict[int, tuple[Half, FittedLaw]], tip: Tip) -> dict[str, Any]:
     names = ('before', 'own', 'carried')
     return {
         'poses': [

@@ -35,10 +35,10 @@ from benchmark.svg import svg_file
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.report.figure import INK, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.loops.fit import Moments, fit_law, predict
+from scara_kinetostatic.studies.loops.fit import FitSamples, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS
 from scara_kinetostatic.studies.loops.record import Record, RecordPath, load_record
-from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, Candidate, Study, select_model
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, Study, TestedLaw, select_model
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'cycloidal'
 LAWS = {law.name: law for law in (LOAD_BACKLASH, *LOAD_LAWS)}
@@ -92,7 +92,7 @@ def examine(name: str) -> Found:
     return Found(name, selection.verdict, law, rivals, selection.p_value, selection.detectable, errors, parameters)
 
 
-def _parameters(candidate: Candidate) -> dict[str, tuple[float, float]]:
+def _parameters(candidate: TestedLaw) -> dict[str, tuple[float, float]]:
     return {key: (each.value, each.std) for key, each in candidate.parameters.items()}
 
 
@@ -103,7 +103,7 @@ def predicted_place(place: tuple[str, str]) -> dict[str, float]:
     path = RecordPath(read(mechanism + tested), direction=study.direction)
     found = {'samples': float((~path.known).sum())}
     for law in (BEFORE, CONSTANT, GROWING):
-        blocks = [Moments(LAWS[law], each, np.ones(len(each.time), dtype=bool), study.size) for each in study.blocks]
+        blocks = [FitSamples(LAWS[law], each, np.ones(len(each.time), dtype=bool), study.size) for each in study.blocks]
         residual = predict(fit_law(blocks), path, path.known).residual[~path.known]
         found[law] = float(residual @ residual)
     return found
@@ -216,7 +216,7 @@ def loop_picture(name: str) -> Markup:
     figure, (axes,) = new_figure(520.0, 320.0, margins=_MARGINS)
     axes.plot(path.driver[later], 1e3 * path.driven[later], color=INK, lw=0.9, label='measured')
     for law, colour, label in ((BEFORE, SERIES[1], 'law (6)'), (GROWING, SERIES[0], 'friction grows with the load')):
-        fitted = fit_law([Moments(LAWS[law], block, block.earlier, study.size)])
+        fitted = fit_law([FitSamples(LAWS[law], block, block.earlier, study.size)])
         residual = predict(fitted, path, path.earlier).residual
         axes.plot(path.driver[later], 1e3 * (path.driven - residual)[later], color=colour, lw=1.3, label=label)
     axes.set(xlabel='torque  [Nm]', ylabel='angle  [mrad]', title=f'{name}, loops 101 and 102, from the earlier ones')

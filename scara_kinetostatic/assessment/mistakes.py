@@ -35,12 +35,14 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
-from scara_kinetostatic.model.joint_law import joint_torques
+from scara_kinetostatic.model.joint_law import deflection, joint_torques, rounded_sign
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces
 from scara_kinetostatic.model.parameters import G_EE, L1, L2, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
+_SIGN_WIDTH = 0.01
+"""Torques over which sign(c) is continuous, Nm."""
 FEWEST_TOUCHES = 8
 """Fewer do not tell one mistake from another."""
 
@@ -353,7 +355,7 @@ def _fit(r: _Reading) -> _Agreement:
 
 
 def _misses(r: _Reading, values: Floats) -> _Misses:
-    """Distances, angles and their derivatives by L̄; sign(c) is continuous within 0.01 Nm.
+    """Distances, angles and their derivatives by L̄.
 
     The disc is that of the nearest surface. The normal of a circle turns as the tip moves along it, by its radius; that
     of an edge does not, and the distance from it grows beyond its ends.
@@ -362,7 +364,8 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     force = rotate(r.force, joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
     size = np.maximum(np.linalg.norm(force, axis=1), 1e-300)
     rigid = joint_torques(p, joints, force)
-    links = joints - rigid * [p.p1, p.p2] - rigid / np.hypot(rigid, 1e-2) * [p.g1, p.g2]
+    compliances, backlashes = np.array([[p.p1, p.p2], [p.g1, p.g2]])
+    links = joints - deflection(compliances, backlashes, rigid, rounded_sign(rigid, _SIGN_WIDTH))
     torque, tip = joint_torques(p, links, force), forward(p, links)
     press, unit, every = p.p_ee * size + p.g_ee, force / size[:, None], np.arange(len(size))
     misses = r.surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
@@ -374,7 +377,7 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     past = np.maximum(np.abs((off * here.tangents).sum(axis=1)) - here.halves, 0.0) * edge
     away = np.where(edge, (off * here.normals).sum(axis=1), signed) + past
     angle = wrap(np.arctan2(force[:, 1], force[:, 0]) - np.arctan2(inward[:, 1], inward[:, 0]))
-    at = LoadedJoints(torque=tuple(torque.T), sense=tuple((torque / np.hypot(torque, 1e-2)).T))
+    at = LoadedJoints(torque=tuple(torque.T), sense=tuple(rounded_sign(torque, _SIGN_WIDTH).T))
     moves = tip_by_parameters(p, links, force, 0.0, at)
     moves[..., G_EE] = 0.0
     by_distance = -np.einsum('nk,nkj->nj', inward, moves)

@@ -20,13 +20,13 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.contact import has_no_sure_sign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
-from scara_kinetostatic.model.touch_equations import has_no_sure_sign
 
 
 def calibrate(

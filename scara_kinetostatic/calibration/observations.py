@@ -10,11 +10,11 @@ from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, Declar
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.contact import ContactProblem, Edges
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import GripperSign, forward
 from scara_kinetostatic.model.outline import PER_ANGLE, Surfaces
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.model.touch_equations import ContactProblem, Edges
 
 NO_ERRORS = np.zeros(0)
 NO_ERRORS.setflags(write=False)

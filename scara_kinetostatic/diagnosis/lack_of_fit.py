@@ -40,7 +40,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 from scara_kinetostatic.diagnosis.result import Dependence
 from scara_kinetostatic.gaussian.linear_model import blocks, f_test, independent_part, orthonormal
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.touch_equations import view_arm
+from scara_kinetostatic.model.contact import view_arm
 
 
 def _families(calibration: Calibration, point: Point) -> Iterator[tuple[str, Floats, Floats | None]]:

@@ -139,13 +139,13 @@ class OnlineArm:
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
         self._levels = self.arm.noise.force_rms, self.arm.noise.growth
         self._held = (0.0, 0.0)
-        acting, base = self._law.model.acting.pairs, self._law.model.parameters
-        parts = [[pair for pair in acting if pair[0].is_undetected == small] for small in (False, True)]
-        self._named, self._undetected = (
-            replace(self._law, model=ExtendedModel(base, tuple(e for e, _ in part), tuple(tuple(v) for _, v in part)))
-            for part in parts
-        )
-        self._shifts = {id(law): np.zeros(4) for law in (self._named, self._undetected)}
+        self._parts = dict[bool, Law]()  # of the effects, the named and the undetected ones
+        for is_small in (False, True):
+            if some := [pair for pair in self._law.model.acting.pairs if pair[0].is_undetected == is_small]:
+                effects, values = zip(*some, strict=True)
+                model = ExtendedModel(self._p, effects, tuple(map(tuple, values)))
+                self._parts[is_small] = replace(self._law, model=model)
+        self._shifts = dict.fromkeys(self._parts, np.zeros(4))
         self._shift = (0.0, 0.0, 0.0, 0.0)
         self._deflection = (0.0, 0.0)
 
@@ -185,10 +185,10 @@ class OnlineArm:
         first, second, load, rows, solved = self._links(joints, first, second, force)
         state = None
         # undetected effects are so small that they need not be worked out anew at every sample
-        laws = [self._named, self._undetected] if self._is_outdated(joints, load, force) else [self._named]
-        if any(law.model.acting.effects for law in laws):
+        parts = [small for small in self._parts if not small or self._is_outdated(joints, load, force)]
+        if parts:
             for _ in range(_PASSES):
-                state, change = self._update(laws, joints, load, force, metadata or TouchMetadata.plain(1))
+                state, change = self._update(parts, joints, load, force, metadata or TouchMetadata.plain(1))
                 first, second, load, rows, solved = self._links(joints, first, second, force)
                 # change of what effects add after which one more solution is enough, rad and m; it depends on itself
                 # weakly
@@ -226,7 +226,7 @@ class OnlineArm:
         p, offset, turn = self._p, self._law.offset(force), self._shift
         for _ in range(_PASSES):
             links = p.l1 * cos(first), p.l1 * sin(first), p.l2 * cos(second), p.l2 * sin(second)
-            load = load_arm(p, links, offset, force, gravity_std=self._law.gravity_std)
+            load = load_arm(p, links, offset, force, self._law.gravity_std)
             step1, step2, rows = newton_step(p, joints, (first, second), turn, load, force)
             first, second = first - step1, second - step1 - step2
             # a step of Newton's method after which the angles are right to its square, rad
@@ -238,12 +238,12 @@ class OnlineArm:
         return first, second, load, rows, False
 
     def _update(
-        self, laws: Sequence[Law], joints: tuple[float, float], load: Loading, force: Force, metadata: TouchMetadata
+        self, parts: Sequence[bool], joints: tuple[float, float], load: Loading, force: Force, metadata: TouchMetadata
     ) -> tuple[TouchState, float]:
         """Works out what effects add at a pose; the pose as they take it, and by what that differs from before."""
         state = self._law.touch_state(np.array([joints]), load, force, metadata)
-        for law in laws:
-            self._shifts[id(law)] = np.concatenate(law.shift(state, np.array([force.place])), axis=1)[0]
+        for part in parts:
+            self._shifts[part] = np.concatenate(self._parts[part].shift(state, np.array([force.place])), axis=1)[0]
         one, two, three, four = np.sum(list(self._shifts.values()), axis=0).tolist()
         before, self._shift = self._shift, (one, two, three, four)
         return state, max(abs(new - old) for new, old in zip(self._shift, before, strict=True))

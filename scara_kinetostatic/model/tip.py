@@ -1,6 +1,8 @@
-"""The tip under load, H̄, and the joint angles that compensate it, Ḡ, of poses with a given force; with derivatives.
+"""The deformable robot under a given force: the tip, H̄ (4), and the joint angles that compensate it, Ḡ; derivatives.
 
 - H̄: Q and F are given; Q* solves q* + p c + g s(c / b) + δ = q by Newton's method.
+- H̄ by law (6) to the letter is `direct_kinetostatics`. What an effect does to the object or to the force sensor is no
+  part of either.
 - Ḡ: S and F are given; Q* is the rigid inverse of S less what gripper and effects add: in closed form, or with effects
   by fixed-point iteration.
 
@@ -14,7 +16,7 @@ deviations, and a straight line across the dead band between. So the joint angle
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
 3/4 or more, also where a link is pressed along itself: the equations have one solution, so H̄ and Ḡ are each other's
 inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n. Under gravity c contains its torque
-(`touch_equations`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
+(`joint_law`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
 
 What is left out inside the band, the sign, is part of the uncertainty: the variance g²/3 (1 - s²), that of a uniform
 distribution over the dead band at its middle, nothing at its edge.
@@ -36,11 +38,23 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.contact import State, step_links
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.joint_law import (
+    NO_TORQUE,
+    Four,
+    Pull,
+    deflection,
+    inverse_of_derivative,
+    place_in_band,
+    pull_of,
+)
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
@@ -99,7 +113,7 @@ class Loading(NamedTuple):
         s2: of joint 2.
         k1: dq1*-slope of the law, p1 + g1 s'/b1, rad/Nm.
         k2: of joint 2.
-        pull: what gravity takes from both torques per angle of their joints, Nm/rad; None without.
+        pull: gravity on both joints; None without.
     """
 
     x1: Any
@@ -113,7 +127,7 @@ class Loading(NamedTuple):
     s2: Any
     k1: Any
     k2: Any
-    pull: tuple[Any, Any] | None = None
+    pull: Pull | None = None
 
     @property
     def in_band(self) -> Any:
@@ -126,11 +140,7 @@ class Loading(NamedTuple):
 
 
 def load_arm(
-    p: Parameters,
-    links: tuple[Any, Any, Any, Any],
-    offset: tuple[Any, Any],
-    force: Force,
-    gravity_std: tuple[float, float] = (0.0, 0.0),
+    p: Parameters, links: Four, offset: tuple[Any, Any], force: Force, gravity_std: tuple[float, float] = (0.0, 0.0)
 ) -> Loading:
     """The torques of the arm and its places in the dead bands; floats, or arrays of any one shape.
 
@@ -141,37 +151,33 @@ def load_arm(
         force: on the object.
         gravity_std: as `Law.gravity_std`.
     """
-    x1, y1, x2, y2 = links
-    c2 = x2 * force.y - y2 * force.x
-    c1 = x1 * force.y - y1 * force.x + c2
+    (x1, y1, x2, y2), fx, fy = links, force.x, force.y
+    c2 = x2 * fy - y2 * fx
+    c1 = x1 * fy - y1 * fx + c2
     known1, known2 = c1, c2
     if force.held is not None:
         x, y = force.held
         known2 = x2 * y - y2 * x
         known1 = x1 * y - y1 * x + known2
     own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
-    pull = None
-    if p.has_gravity:  # `model.touch_equations`
-        gravity1, gravity2 = p.gravity_of_links
-        per1, per2 = p.s1 / p.l1, p.s2 / p.l2
-        on1, on2 = -per1 * gravity1 * (x1 - 1j * y1), -per2 * gravity2 * (x2 - 1j * y2)
-        pull1, turn1, pull2, turn2 = on1.imag + on2.imag, on1.real + on2.real, on2.imag, on2.real
-        c1, c2, known1, known2, pull = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2, (turn1, turn2)
-        own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(gravity1)
-    x, y = x1 + x2, y1 + y2
+    x, y, pull = x1 + x2, y1 + y2, None
     b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
-    if pull is not None:
-        b1, b2 = b1 + SIGN_KNOWN * gravity_std[0], b2 + SIGN_KNOWN * gravity_std[1]
-    u1, u2 = known1 / b1, known2 / b2
-    inside1, inside2 = abs(u1) < 1, abs(u2) < 1
-    s1, s2 = inside1 * u1 + (u1 >= 1) - (u1 <= -1), inside2 * u2 + (u2 >= 1) - (u2 <= -1)
-    k1, k2 = p.p1 + inside1 * (p.g1 / b1), p.p2 + inside2 * (p.g2 / b2)
+    if p.has_gravity:
+        pull = pull_of(p, (x1 + 1j * y1) / p.l1, (x2 + 1j * y2) / p.l2)
+        assert pull is not None
+        pull1, pull2 = pull.torque
+        c1, c2, known1, known2 = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2
+        steepest = STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(complex(*p.gravity))
+        b1 = b1 + SIGN_KNOWN * gravity_std[0] + abs(p.g1) * steepest
+        b2 = b2 + SIGN_KNOWN * gravity_std[1] + abs(p.g2) * steepest
+    (s1, slope1), (s2, slope2) = place_in_band(known1, b1), place_in_band(known2, b2)
+    k1, k2 = p.p1 + p.g1 * slope1, p.p2 + p.g2 * slope2
     return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2, pull)
 
 
 def newton_step(
     p: Parameters, joints: tuple[Any, Any], angles: tuple[Any, Any], turn: Any, at: Loading, force: Force
-) -> tuple[Any, Any, tuple[Any, Any, Any, Any]]:
+) -> tuple[Any, Any, Four]:
     """By what Q* is to be smaller for law (6) to hold, rad, and M⁻¹ by rows; floats, or arrays of any one shape.
 
     Args:
@@ -182,21 +188,20 @@ def newton_step(
         at: the arm there.
         force: on the object.
     """
-    row1 = angles[0] - p.theta1 - joints[0] + p.p1 * at.c1 + p.g1 * at.s1 + turn[0]
-    row2 = angles[1] - angles[0] - p.theta2 - joints[1] + p.p2 * at.c2 + p.g2 * at.s2 + turn[1]
+    row1 = angles[0] - p.theta1 - joints[0] + deflection(p.p1, p.g1, at.c1, at.s1) + turn[0]
+    row2 = angles[1] - angles[0] - p.theta2 - joints[1] + deflection(p.p2, p.g2, at.c2, at.s2) + turn[1]
     rows = i11, i12, i21, i22 = inverse_of_rows(at, force)
     return i11 * row1 + i12 * row2, i21 * row1 + i22 * row2, rows
 
 
-def inverse_of_rows(at: Loading, force: Force) -> tuple[Any, Any, Any, Any]:
-    """M⁻¹ by rows, M = I + diag(k) ∂C/∂Q* at constant F."""
-    c22 = -(force.x * at.x2 + force.y * at.y2)
-    c11 = c22 - (force.x * at.x1 + force.y * at.y1)
+def inverse_of_rows(at: Loading, force: Force) -> Four:
+    """M⁻¹ by rows at constant F."""
+    fx, fy = force.x, force.y
+    turn2 = fx * at.x2 + fy * at.y2
+    turn1 = turn2 + fx * at.x1 + fy * at.y1
     if at.pull is not None:
-        c11, c22 = c11 - at.pull[0], c22 - at.pull[1]
-    m11, m12, m21, m22 = 1.0 + at.k1 * c11, at.k1 * c22, at.k2 * c22, 1.0 + at.k2 * c22
-    scale = 1.0 / (m11 * m22 - m12 * m21)
-    return m22 * scale, -m12 * scale, -m21 * scale, m11 * scale
+        turn1, turn2 = turn1 + at.pull.turn[0], turn2 + at.pull.turn[1]
+    return inverse_of_derivative((1.0, 1.0), (at.k1, at.k2), (turn1, turn2))
 
 
 @dataclass(frozen=True)
@@ -218,8 +223,8 @@ class Law:
 
     def offset(self, force: Force) -> tuple[Any, Any]:
         """S - H(Q*) by the gripper, m; floats, or arrays of any one shape."""
-        slope, own = self.gripper.slope(self.model.parameters), self.model.parameters.g_ee * force.place
-        return slope * force.x - own * force.nx, slope * force.y - own * force.ny
+        slope, gap = self.gripper.slope(self.model.parameters), -self.model.parameters.g_ee * force.place
+        return deflection(slope, gap, force.x, force.nx), deflection(slope, gap, force.y, force.ny)
 
     def loading(self, first: Floats, second: Floats, force: Force) -> Loading:
         """The arm with its links at absolute angles `first` and `second`, (n,), rad."""
@@ -229,7 +234,7 @@ class Law:
             return load_arm(p, links, offset, force, self.gravity_std)
         exactly = force._replace(std=1.0)  # any: the places in the bands are replaced
         at = load_arm(p, links, offset, exactly)
-        c1, c2 = (np.where(np.abs(c) <= 1e-13 * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
+        c1, c2 = (np.where(np.abs(c) <= NO_TORQUE * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
         return at._replace(c1=c1, c2=c2, s1=np.sign(c1), s2=np.sign(c2), k1=p.p1, k2=p.p2)
 
     def touch_state(self, joints: Floats, at: Loading, force: Force, metadata: TouchMetadata) -> TouchState:
@@ -336,7 +341,6 @@ def joints_under_load(
         begin: poses nearby to begin at; None for those without effects.
     """
     p, offset, once = law.model.parameters, np.array(law.offset(force)).T, not law.model.acting.effects
-    compliance, backlash = np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
     turn, moved = (np.zeros((2, len(tip))), np.zeros((len(tip), 2))) if begin is None else begin.shift
     state, joints = None, np.zeros((2, len(tip)))  # far off: the shift is taken at least once
     change = joints
@@ -344,7 +348,8 @@ def joints_under_load(
         links = inverse(p, tip - offset - moved, posture).T
         first = links[0] + p.theta1
         at = law.loading(first, first + links[1] + p.theta2, force)
-        found = links + compliance * np.array([at.c1, at.c2]) + backlash * np.array([at.s1, at.s2]) + turn
+        torques, places = np.array([at.c1, at.c2]), np.array([at.s1, at.s2])
+        found = links + deflection(p.joint_compliances, p.joint_backlashes, torques, places) + turn
         joints, change = found, np.abs(found - joints)
         # where the place is out of reach it is not a number
         if once or not (change > _ROUNDING).any():
@@ -412,7 +417,7 @@ def _variance(covariance: Floats) -> Floats:
     return np.asarray(covariance[..., 0, 0] + covariance[..., 1, 1])
 
 
-def tip_by_joints(at: Loading, rows: tuple[Any, Any, Any, Any], with_yaw: bool = False) -> Floats:
+def tip_by_joints(at: Loading, rows: Four, with_yaw: bool = False) -> Floats:
     """G = ∂S/∂Q at fixed F, (n, 2, 2), of floats (2, 2), m/rad; the angle of link 2 may be a third row.
 
     Args:
@@ -441,16 +446,13 @@ def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: 
         state: the poses as effects take them; None without effects.
     """
     p, s = law.model.parameters, law.gripper.factor
-    gravity1, gravity2 = p.gravity_of_links
     u1x, u1y, u2x, u2y = at.x1 / p.l1, at.y1 / p.l1, at.x2 / p.l2, at.y2 / p.l2
     joints = LoadedJoints(
         slope=(at.k1, at.k2),
         moment=(u1x * force.y - u1y * force.x, u2x * force.y - u2y * force.x),
         torque=(at.c1, at.c2),
         sense=(at.s1, at.s2),
-        pull=((at.k1, at.k2), (-(gravity1 * (u1x - 1j * u1y)).imag, -(gravity2 * (u2x - 1j * u2y)).imag))
-        if p.has_gravity
-        else None,
+        pull=None if at.pull is None else ((at.k1, at.k2), at.pull.per_moment),
     )
     parts = (
         ((1.0, 0.0), (u1x, u2x), (s * force.x, -force.place * force.nx)),
@@ -534,3 +536,174 @@ def tip_by_noise(law: Law, jacobian: Floats, at: Loading, force: Force) -> Float
     torques = [(-slopes[0] * (at.y1 + at.y2), slopes[0] * (at.x1 + at.x2)), (-slopes[1] * at.y2, slopes[1] * at.x2)]
     by_force = stacked(plain[: jacobian.shape[-2]], shape).T - jacobian @ stacked(torques, shape).T
     return np.concatenate([jacobian * (q1, q2), by_force * np.asarray(force.std)[..., None, None]], axis=-1)
+
+
+def tip_yield(parameters: Parameters, joints: Floats, force: Floats) -> Floats:
+    """How far arm and gripper yield to a force at the tip, (n, 2), m: C F, C that of (4) with (7), without backlash.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        force: F on the object, (n, 2), N.
+    """
+    p, turns = parameters, kinematics.jacobian(parameters, joints)
+    angles = np.array([p.p1, p.p2]) * np.einsum('nij,ni->nj', turns, force)
+    return np.asarray(p.p_ee * force + np.einsum('nij,nj->ni', turns, angles))
+
+
+def press_aside(parameters: Parameters, joints: Floats, force: Floats, aside: ArrayLike) -> Floats:
+    """ΔQ of a press that adds a force along the normal, and drags the tip aside, (n, 2), rad.
+
+    J ΔQ is along C R(a) F: a tip that friction held would press at the angle a from the normal; where the angle of
+    friction is smaller, it slides. If need be it is turned until the angle from F is a, too; its slope is at most
+    `STEEPEST_ASIDE`. With a = 0 the tip stays where it is.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        force: F on the object, along the normal, (n, 2), N, not 0.
+        aside: a, (n,), rad.
+    """
+    held = tip_yield(parameters, joints, kinematics.rotate(force, aside))
+    square, across = (force**2).sum(axis=1), kinematics.quarter_turn(force)
+    along, side = (held * force).sum(axis=1), np.sign(aside)
+    slope = np.where(along > 0, (held * across).sum(axis=1) / np.where(along > 0, along, 1.0), side * STEEPEST_ASIDE)
+    slope = np.where(side == 0, slope, side * np.clip(side * slope, np.tan(np.abs(aside)), STEEPEST_ASIDE))
+    along = (tip_yield(parameters, joints, force) * force).sum(axis=1) / square
+    moved = along[:, None] * (force + slope[:, None] * across)
+    return np.asarray(np.linalg.solve(kinematics.jacobian(parameters, joints), moved[..., None])[..., 0])
+
+
+DRAG = 0.5
+"""Angle from the normal at which a press drags the tip aside, rad. With 0.4 friction of 0.15 and the gap of the gripper
+still hold the tip in one of 24 touches in the physics engine, with 0.5 in none.
+"""
+
+
+STEEPEST_ASIDE = 2.0
+"""Largest way aside over that along the normal. With 1.5 a tip that is held presses at less than 0.15 rad from the
+normal in 6 % of the touches of soft arms, with 2 in none.
+"""
+
+
+def drag(angle: Floats, posture: ArrayLike) -> Floats:
+    """Angle at which touches drag the tip aside, (n,), rad: `DRAG` to either side in turn.
+
+    The tip then slides, and friction has its whole force, whatever the tip did before.
+
+    Args:
+        angle: place around the object, (n,), rad; the side changes every 15°.
+        posture: elbow posture, +1 or -1, (n,); the other one has the other side.
+    """
+    # a quarter of a step off the places that are planned, on discs and, half a step on, on outlines
+    turn = np.floor(np.asarray(angle) / (np.pi / 12) + 0.25) + (np.asarray(posture) > 0)
+    return np.where(turn % 2 == 0, DRAG, -DRAG)
+
+
+def inverse_kinetostatics(
+    model: ExtendedModel | Parameters,
+    tip: ArrayLike,
+    force: ArrayLike,
+    posture: ArrayLike,
+    gripper: GripperSign = GripperSign.PHYSICAL,
+    metadata: TouchMetadata | None = None,
+) -> tuple[Floats, Floats]:
+    """Ḡ: the actuator angles and torques that hold a tip at a place under a force (4).
+
+    Args:
+        model: the extended model, or L̄ of the base model alone.
+        tip: S, (n, 2), m.
+        force: F on the object, base frame, (n, 2), N; where a torque is zero the joint is in the middle of its dead
+            band.
+        posture: +1 or -1, the sign of sin(q2* + theta2), (n,) or one for all.
+        gripper: the form of (7).
+        metadata: what effects need to know of each pose; by default `TouchMetadata.plain`. Effects on the object
+            are no part of this.
+
+    Returns:
+        Q, (n, 2), rad, NaN where the place is out of reach, and C, (n, 2), Nm.
+    """
+    place, load = np.broadcast_arrays(np.atleast_2d(tip), np.atleast_2d(force))
+    law, known = Law(as_model(model), gripper), metadata or TouchMetadata.plain(len(place))
+    with np.errstate(invalid='ignore'):
+        found = joints_under_load(law, place, Force.of(load), np.asarray(posture), known)
+    return found.joints, np.array([found.loading.c1, found.loading.c2]).T
+
+
+def direct_kinetostatics(
+    model: ExtendedModel | Parameters,
+    joints: Floats,
+    force: Floats,
+    gripper: GripperSign = GripperSign.PHYSICAL,
+    metadata: TouchMetadata | None = None,
+) -> tuple[Floats, Floats]:
+    """H̄: the tip's place and the torques from what sensors measure, actuator angles and the force, by law (6).
+
+    Where a link is nearly in line with a force that compresses it, law (6) has several solutions. Use of a calibration,
+    where nothing may jump, is `tip`.
+
+    Args:
+        model: the extended model, or L̄ of the base model alone.
+        joints: Q, (n, 2), rad.
+        force: F on the object, base frame, (n, 2), N; where it is zero the joints are in the middle of their dead
+            bands.
+        gripper: the form of (7).
+        metadata: what effects need to know of each pose; by default `TouchMetadata.plain`.
+
+    Returns:
+        S, (n, 2), m, and C, (n, 2), Nm.
+    """
+    law, load, known = Law(as_model(model), gripper), Force.of(force), metadata
+    p = law.model.parameters
+    pressed = (np.any(force != 0, axis=1) | p.has_gravity)[:, None]
+    known = TouchMetadata.plain(len(force)) if known is None else known
+    turn = moved = np.zeros(np.shape(joints))
+    for _ in range(60):
+        links = np.where(pressed, _links(p, joints - turn, force), joints - turn)
+        first = links[:, 0] + p.theta1
+        at = law.loading(first, first + links[:, 1] + p.theta2, load)
+        if not law.model.effects:
+            break
+        before, (turn, moved) = (turn, moved), law.shift(law.touch_state(joints, at, load, known), load.place)
+        if not np.any(np.abs([turn - before[0], moved - before[1]]) > 1e-15):
+            break
+    return np.array(at.tip(p)).T + moved, np.array([at.c1, at.c2]).T
+
+
+def _links(parameters: Parameters, joints: Floats, force: Floats) -> Floats:
+    """Q* of joints under a force, (n, 2), by Newton's method.
+
+    Where a link is nearly in line with a force that compresses it, the floating joint is unstable, and the flanks
+    alternate from one start: then the others are tried.
+    """
+    links, wrong = np.full(joints.shape, np.nan), np.arange(len(joints))
+    for start in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
+        found, settled = _links_from(start, parameters, joints[wrong], force[wrong])
+        kept = settled | np.isnan(links[wrong, 0])
+        links[wrong[kept]], wrong = found[kept], wrong[~settled]
+        if not len(wrong):
+            break
+    return links
+
+
+def _links_from(
+    start: tuple[float, float], parameters: Parameters, joints: Floats, force: Floats
+) -> tuple[Floats, Mask]:
+    """Q* from flanks to start on, (n, 2), and whether links and flanks agree, (n,)."""
+    magnitude, direction = np.hypot(force[:, 0], force[:, 1]), np.arctan2(force[:, 1], force[:, 0])
+    flanks = (np.full(len(joints), each) for each in start)
+    state = State(joints[:, 0], joints[:, 1], magnitude, direction, *flanks)
+    for _ in range(20):  # three or four suffice
+        before, (state, arm) = state, step_links(parameters, joints, state)
+        if ((state.mode1 != before.mode1) | (state.mode2 != before.mode2)).any():
+            state, _ = step_links(parameters, joints, state, arm=arm)
+        if not np.any(_change(state, before) > 1e-15):
+            break
+    further, _ = step_links(parameters, joints, state)
+    settled = (_change(state, further) < 1e-12) & (state.mode1 == further.mode1) & (state.mode2 == further.mode2)
+    return np.stack([state.link1, state.link2], axis=-1), np.asarray(settled)
+
+
+def _change(one: State, other: State) -> Floats:
+    """The larger change of both link angles, (n,), rad."""
+    return np.asarray(np.maximum(np.abs(one.link1 - other.link1), np.abs(one.link2 - other.link2)))

@@ -48,13 +48,21 @@ from scara_kinetostatic.gaussian.linear_model import leverage
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.joint_law import joint_deflection
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
-from scara_kinetostatic.model.touch_equations import State, has_no_sure_sign
+from scara_kinetostatic.model.tip import (
+    Force,
+    Law,
+    inverse_kinetostatics,
+    inverse_of_rows,
+    press_aside,
+    tip_by_joints,
+    tip_by_values,
+    tip_under_load,
+)
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame, simulate_touches
 

@@ -43,10 +43,9 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.tip import Equilibrium, Force, Law, joints_under_load
+from scara_kinetostatic.model.tip import Equilibrium, Force, Law, inverse_kinetostatics, joints_under_load
 from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Circle, Plan, Slide, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement

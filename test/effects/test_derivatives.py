@@ -11,11 +11,10 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import pairs
-from scara_kinetostatic.model.contact import all_derivatives, extended_equations, solve_links
+from scara_kinetostatic.model.contact import ContactProblem, State, all_derivatives, extended_equations, solve_links
 from scara_kinetostatic.model.effect_law import ForceDependence
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE
-from scara_kinetostatic.model.touch_equations import ContactProblem, State
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:

@@ -13,11 +13,12 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward_by_parameters, tip_by_parameters
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.tip import (
     Force,
     Law,
+    direct_kinetostatics,
+    inverse_kinetostatics,
     inverse_of_rows,
     joints_under_load,
     tip_by_joints,

@@ -6,12 +6,11 @@ import pytest
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.contact import all_derivatives, contact, extended_equations
+from scara_kinetostatic.model.contact import ContactProblem, Edges, State, all_derivatives, contact, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.outline import Outline, boundary, outline_problem, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.touch_equations import ContactProblem, Edges, State
 
 SQUARE = Outline('square', ((0.0, 0.3), (0.1, 0.3), (0.1, 0.4), (0.0, 0.4)), 0.002)
 ELL = Outline('ell', ((0.0, 0.0), (0.2, 0.0), (0.2, 0.07), (0.08, 0.07), (0.08, 0.18), (0.0, 0.18)), 0.008)
@@ -100,7 +99,7 @@ def _touched(outline):
     """Joint angles pressed into each surface of an outline, and the problem."""
     surfaces = surfaces_of([outline], TIP)
     place, normal = surfaces.at(np.linspace(-0.6, 0.5, len(surfaces.radii)))
-    from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+    from scara_kinetostatic.model.tip import inverse_kinetostatics
 
     force = -np.linspace(8.0, 40.0, len(normal))[:, None] * normal
     joints = inverse_kinetostatics(ARM, place, force, np.ones(len(normal), dtype=int))[0]

@@ -29,8 +29,8 @@ from scara_kinetostatic.model.cell import (
     Uncertainty,
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinetostatics import DRAG
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.model.tip import DRAG
 from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.planning.prediction import RobotModel, Statement, exact_plan, predict, tip_in_use, tip_std

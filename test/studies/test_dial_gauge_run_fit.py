@@ -8,7 +8,7 @@ import pytest
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.dial_gauge import Readings, RunFit, combine_estimates, find_resolution, fit_run
-from scara_kinetostatic.studies.loops.selection import Estimate
+from scara_kinetostatic.studies.loops.selection import UncertainValue
 from scara_kinetostatic.studies.paper.study import load_cycles
 
 P, GAP = 3.76e-5, 1.3e-4
@@ -151,12 +151,12 @@ def test_agreement_with_few_degrees_of_freedom_raises_no_false_alarm():
     rng, p = np.random.default_rng(3), []
     for _ in range(600):
         scale = np.sqrt(rng.chisquare(8, 6) / 8)
-        estimates = [Estimate(*each) for each in np.stack([rng.standard_normal(6), scale], axis=1)]
+        estimates = [UncertainValue(*each) for each in np.stack([rng.standard_normal(6), scale], axis=1)]
         p.append(combine_estimates(estimates, np.full(6, 8.0)).p_value)
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.027)
 
 
 def test_estimates_that_agree_are_weighted_by_their_variances():
-    test = combine_estimates([Estimate(1.0, 0.1, 'm'), Estimate(1.3, 0.2, 'm')], np.full(2, 1e6))
+    test = combine_estimates([UncertainValue(1.0, 0.1, 'm'), UncertainValue(1.3, 0.2, 'm')], np.full(2, 1e6))
     assert test.estimate == (pytest.approx(1.06), pytest.approx(0.2 / 5**0.5), 'm')
     assert test.p_value == pytest.approx(0.1797, abs=1e-4)

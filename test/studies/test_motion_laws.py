@@ -11,7 +11,7 @@ from studies.load_records import play
 from benchmark.hysteresis import alarmed, exact_force, simulate_record, sine
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.studies.loops.fit import Moments, effective_count, evaluate, fit_law, predict
+from scara_kinetostatic.studies.loops.fit import FitSamples, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
 from scara_kinetostatic.studies.loops.record import MOTION, Record, RecordPath
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
@@ -120,7 +120,7 @@ def test_held_out_residuals_are_those_of_the_fit_that_has_not_seen_them(slip_sel
     (path,), selected = slip_selection.study.paths, slip_selection.selected
     held_out = selected.held_out[0].residual
     for rows in path.halves:
-        fitted = fit_law([Moments(SLIP, path, rows, path.size)])
+        fitted = fit_law([FitSamples(SLIP, path, rows, path.size)])
         assert fitted.reported['slip_positive'] == pytest.approx(SLIPS['slip_positive'], rel=0.01)
         assert fitted.reported['half_gap'] == pytest.approx(TRUTH['half_gap'], rel=0.03)
         residual = predict(fitted, path, rows).residual

@@ -56,7 +56,7 @@ from scara_kinetostatic.files import tables
 from scara_kinetostatic.files.tables import Field, Sheet, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.studies.loops.record import LEVEL
-from scara_kinetostatic.studies.loops.selection import Estimate
+from scara_kinetostatic.studies.loops.selection import UncertainValue
 
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
 PARTS = (GRIPPER, JOINT1, JOINT2)
@@ -173,10 +173,10 @@ def load_readings(table: Sheet, **defaults: str | float) -> GaugeTable:
     return GaugeTable(tuple(runs), notes)
 
 
-def mean(estimates: Sequence[Estimate]) -> Estimate:
+def mean(estimates: Sequence[UncertainValue]) -> UncertainValue:
     """The unweighted mean of independent estimates."""
     values, std, units = zip(*estimates, strict=True)
-    return Estimate(float(np.mean(values)), float(np.linalg.norm(std)) / len(values), units[0])
+    return UncertainValue(float(np.mean(values)), float(np.linalg.norm(std)) / len(values), units[0])
 
 
 class LeastSquares(NamedTuple):
@@ -200,9 +200,9 @@ class LeastSquares(NamedTuple):
     floor: float
     dof: int
 
-    def of(self, row: Floats, unit: str) -> Estimate:
+    def of(self, row: Floats, unit: str) -> UncertainValue:
         """A linear function of the coefficients, `row` (k,), with its standard deviation."""
-        return Estimate(float(row @ self.beta), self.sigma * float(np.linalg.norm(row @ self.inverse)), unit)
+        return UncertainValue(float(row @ self.beta), self.sigma * float(np.linalg.norm(row @ self.inverse)), unit)
 
 
 def least_squares(design: Floats, values: Floats, where: str = 'readings') -> LeastSquares:
@@ -239,11 +239,11 @@ class CombinedEstimate(NamedTuple):
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
     """
 
-    estimate: Estimate
+    estimate: UncertainValue
     p_value: float
 
 
-def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEstimate:
+def combine_estimates(estimates: Sequence[UncertainValue], dof: Floats) -> CombinedEstimate:
     """Weighted mean and test of consistency of several estimates, that of Welch (1951).
 
     Estimates are inconsistent below a p-value of 1 %; then the variance between them (DerSimonian and Laird, 1986) is
@@ -265,14 +265,14 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats) -> CombinedEst
     if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
-    return CombinedEstimate(Estimate(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit), p_value)
+    return CombinedEstimate(UncertainValue(centre, float(1 / np.sqrt(weight.sum())), estimates[0].unit), p_value)
 
 
 ZERO_BAND = 0.02
 """Share of the largest load of a run up to which a load counts as none."""
 
 
-class Check(NamedTuple):
+class RunCheck(NamedTuple):
     """One test of a run.
 
     Attributes:
@@ -308,9 +308,9 @@ class RunFit(NamedTuple):
         row_p: p-value of each row's residual, (n,), 1 where not used.
     """
 
-    compliance: Estimate
-    gap: Estimate
-    slopes: tuple[Estimate, Estimate]
+    compliance: UncertainValue
+    gap: UncertainValue
+    slopes: tuple[UncertainValue, UncertainValue]
     sigma: float
     resolution: float
     degrees_of_freedom: int
@@ -318,7 +318,7 @@ class RunFit(NamedTuple):
     lines: Floats
     cycle_gaps: Floats
     residual: Floats
-    checks: tuple[Check, ...]
+    checks: tuple[RunCheck, ...]
     row_p: Floats
 
 
@@ -386,7 +386,7 @@ def fit_run(readings: Readings) -> RunFit:
     return RunFit(*own, used, lines, gaps @ solution.beta, residual, tuple(checks.values()), row_p)
 
 
-def _between(repeatability: Check | None, count: int) -> float:
+def _between(repeatability: RunCheck | None, count: int) -> float:
     """What the scatter between cycles adds to the std of a mean, where it is more than that of the readings."""
     if repeatability is None or repeatability.p_value >= LEVEL:
         return 0.0
@@ -395,7 +395,7 @@ def _between(repeatability: Check | None, count: int) -> float:
 
 def _checks(
     solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats, gaps: Floats
-) -> Iterator[Check]:
+) -> Iterator[RunCheck]:
     """The checks that a run allows.
 
     A check has directions d_k, (n,) each: it estimates d_kᵀ ΔS, which are zero in the model but for the noise. Those
@@ -441,7 +441,7 @@ def _beyond(solution: LeastSquares, column: Floats, factor: float) -> list[Float
     return [factor * new / (new @ new)] if new @ new > 1e-8 * (column @ column) else []
 
 
-def _check(name: str, unit: str, directions: Floats, solution: LeastSquares, values: Floats) -> Check | None:
+def _check(name: str, unit: str, directions: Floats, solution: LeastSquares, values: Floats) -> RunCheck | None:
     """F-test of directions, (n, m); of one direction with its estimate, of several what they scatter beyond the noise.
 
     None where they or the residual have no degrees of freedom.
@@ -458,8 +458,8 @@ def _check(name: str, unit: str, directions: Floats, solution: LeastSquares, val
     ratio = float(np.sum((along.T @ values) ** 2)) / rank / sigma**2
     p_value, size = float(stats.f.sf(ratio, rank, dof)), sigma * float(np.linalg.norm(directions)) / np.sqrt(rank)
     if directions.shape[1] == 1:
-        return Check(name, float(directions[:, 0] @ values), size, unit, p_value)
-    return Check(name, size * float(np.sqrt(max(ratio - 1, 0.0))), np.nan, unit, p_value)
+        return RunCheck(name, float(directions[:, 0] @ values), size, unit, p_value)
+    return RunCheck(name, size * float(np.sqrt(max(ratio - 1, 0.0))), np.nan, unit, p_value)
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:
@@ -487,9 +487,9 @@ class Run(NamedTuple):
 
     readings: Readings
     fit: RunFit
-    compliance: Estimate
-    gap: Estimate
-    failed_checks: tuple[Check, ...]
+    compliance: UncertainValue
+    gap: UncertainValue
+    failed_checks: tuple[RunCheck, ...]
     outliers: tuple[int, ...]
     note: str
 
@@ -508,8 +508,8 @@ class Part(NamedTuple):
 
     name: str
     runs: tuple[Run, ...]
-    compliance: Estimate
-    gap: Estimate
+    compliance: UncertainValue
+    gap: UncertainValue
     combined: dict[str, CombinedEstimate]
     over_direction: bool = False
 

@@ -26,14 +26,14 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from scara_kinetostatic.model.arrays import Floats, Mask, correlated_samples
-from scara_kinetostatic.studies.loops.laws import Law, Shape, Values, reported
+from scara_kinetostatic.studies.loops.laws import RecordLaw, Shape, Values, reported
 from scara_kinetostatic.studies.loops.record import MOTION, RecordPath, block_means
 
 _STEP = 1e-4
 """Step of the scaled parameters for finite differences."""
 
 
-class Fit(NamedTuple):
+class FittedLaw(NamedTuple):
     """A fitted law.
 
     Attributes:
@@ -44,7 +44,7 @@ class Fit(NamedTuple):
         zero: z of the first record.
     """
 
-    law: Law
+    law: RecordLaw
     values: dict[str, float]
     states: Floats
     square: float
@@ -56,7 +56,7 @@ class Fit(NamedTuple):
         return reported(self.values, self.zero)
 
 
-class Prediction(NamedTuple):
+class PredictedRecord(NamedTuple):
     """A law along a record.
 
     Attributes:
@@ -75,7 +75,7 @@ def _first_least(squares: Sequence[float]) -> int:
     return int(np.argmax(np.asarray(squares) <= min(squares) * (1 + 1e-6)))
 
 
-class Moments:
+class FitSamples:
     """Samples of one record in a fit.
 
     Args:
@@ -85,7 +85,7 @@ class Moments:
         size: largest driver of all records, the same for all of one fit.
     """
 
-    def __init__(self, law: Law, path: RecordPath, rows: Mask, size: float) -> None:
+    def __init__(self, law: RecordLaw, path: RecordPath, rows: Mask, size: float) -> None:
         self.law, self.path, self.rows, self.size = law, path, rows, size
 
     @cached_property
@@ -107,7 +107,7 @@ class Moments:
         return np.asarray(basis - basis.mean(axis=0))
 
 
-def _shapes(law: Law, size: float) -> list[Values]:
+def _shapes(law: RecordLaw, size: float) -> list[Values]:
     """Every combination of starting values of the shape parameters for drivers up to `size`."""
     several = product(*([value * _scale(each, size) for value in each.starts] for each in law.shape))
     return [dict(zip((each.name for each in law.shape), shape, strict=True)) for shape in several]
@@ -117,12 +117,12 @@ def _scale(parameter: Shape, size: float) -> float:
     return 1.0 if parameter.is_ratio else size
 
 
-def _states(law: Law, path: RecordPath) -> list[float]:
+def _states(law: RecordLaw, path: RecordPath) -> list[float]:
     """Initial states of friction from which a fit starts; the first loops wipe them out."""
     return np.linspace(-1.0, 1.0, 21 if path.rest.any() else 5).tolist() if law.has_state else [0.0]
 
 
-def fit_law(records: Sequence[Moments], warm_start: Fit | None = None, near: bool = False) -> Fit:
+def fit_law(records: Sequence[FitSamples], warm_start: FittedLaw | None = None, near: bool = False) -> FittedLaw:
     """Fits a law to records.
 
     Args:
@@ -138,7 +138,7 @@ def fit_law(records: Sequence[Moments], warm_start: Fit | None = None, near: boo
     return _Problem(records).fitted(starts)
 
 
-def _starts(records: Sequence[Moments]) -> list[Fit]:
+def _starts(records: Sequence[FitSamples]) -> list[FittedLaw]:
     """The best states of every shape of the grid, the best shape first."""
     law, starts = records[0].law, []
     states = [_states(law, each.path) for each in records]
@@ -148,7 +148,7 @@ def _starts(records: Sequence[Moments]) -> list[Fit]:
         found = [_alternate(grids, begin) for begin in begins]
         square, picked = found[_first_least([square for square, _ in found])]
         begin_at = np.array([each[pick] for each, pick in zip(states, picked, strict=True)])
-        starts.append(Fit(law, dict(shape), begin_at, square))
+        starts.append(FittedLaw(law, dict(shape), begin_at, square))
     return sorted(starts, key=lambda start: round(start.square, 12))
 
 
@@ -181,7 +181,7 @@ class _Problem:
     Parameters are scaled to the order of 1, shape first.
     """
 
-    def __init__(self, records: Sequence[Moments]) -> None:
+    def __init__(self, records: Sequence[FitSamples]) -> None:
         self.law, self.records = records[0].law, records
         # many loops of a load smooth them out
         self.has_kinks = any(each.path.rest.any() or each.path.driven_by == MOTION for each in records)
@@ -194,7 +194,7 @@ class _Problem:
         upper = np.array([each.most for each in self.law.shape] + [1.0] * states)
         self.bounds = lower, upper
 
-    def fitted(self, starts: Sequence[Fit]) -> Fit:
+    def fitted(self, starts: Sequence[FittedLaw]) -> FittedLaw:
         """The law with the parameters of the least sum of squares near any of some starting points."""
         found = []
         for start in starts:
@@ -204,7 +204,7 @@ class _Problem:
         shape, states, basis, amplitudes = self._at(self._out_of_kinks(best) if self.has_kinks else best)
         left = self._driven - basis @ amplitudes
         values = dict(zip(self.law.amplitudes, amplitudes.tolist(), strict=True)) | shape
-        fit, first = Fit(self.law, values, states, float(left @ left)), self.records[0]
+        fit, first = FittedLaw(self.law, values, states, float(left @ left)), self.records[0]
         off = first.path.driven - evaluate(fit, first.path, float(states[0]))
         return fit._replace(zero=float(off[first.rows].mean()))
 
@@ -282,13 +282,13 @@ class _Problem:
         return np.concatenate([each.centred(shape, state) for each, state in pairs])
 
 
-def evaluate(fitted: Fit, path: RecordPath, state: float) -> Floats:
+def evaluate(fitted: FittedLaw, path: RecordPath, state: float) -> Floats:
     """What is driven by a law, without its zero, (n,)."""
     amplitudes = np.array([fitted.values[name] for name in fitted.law.amplitudes])
     return np.asarray(fitted.law.basis(path, {**fitted.values, 'state': state}) @ amplitudes)
 
 
-def predict(fitted: Fit, path: RecordPath, known: Mask, states: int = 41) -> Prediction:
+def predict(fitted: FittedLaw, path: RecordPath, known: Mask, states: int = 41) -> PredictedRecord:
     """The law along a record, its zero and state from the samples known.
 
     Law (6), which has no memory, takes its zero from the samples at rest alone, if there are some.
@@ -302,7 +302,7 @@ def predict(fitted: Fit, path: RecordPath, known: Mask, states: int = 41) -> Pre
     if not fitted.law.has_state:
         off = path.driven - evaluate(fitted, path, 0.0)
         zero = float(off[path.rest if path.rest.any() else known].mean())
-        return Prediction(off - zero, np.nan, zero)
+        return PredictedRecord(off - zero, np.nan, zero)
     grid = np.linspace(-1.0, 1.0, states)
     for _ in range(3):
         off = path.driven - np.stack([evaluate(fitted, path, state) for state in grid.tolist()])
@@ -313,7 +313,7 @@ def predict(fitted: Fit, path: RecordPath, known: Mask, states: int = 41) -> Pre
         count = effective_count(block_means(best, path.long_block(len(best))), 0.0)
         weights = (squares / squares.min()) ** (-count / 2)
         weights /= weights.sum()
-        found = Prediction(weights @ off, float(weights @ grid), float(weights @ zeros))
+        found = PredictedRecord(weights @ off, float(weights @ grid), float(weights @ zeros))
         step = grid[1] - grid[0]
         if np.sqrt(weights @ (grid - found.state) ** 2) > step:
             break

@@ -11,7 +11,7 @@ depend on what happened before it. P_r is the play operator of half width r (`mo
 Driven by its motion, the force is predicted. Law (6), solved for the force, is a spring with a dead zone: with the
 deflection u,
 
-    F = F0 + dz(u; g) / p,        dz(u; g) = sign(u) max(|u| - g, 0),
+    F = F0 + dz(u; g) / p        (`model.joint_law`),
 
 F0 being the zero of the force sensor and 1/p the amplitude. With u = x - x0 the force depends on the displacement
 alone. Candidates:
@@ -43,6 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.joint_law import beyond_gap, rounded_sign
 from scara_kinetostatic.model.touch import LARGEST_RATIO
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 
@@ -85,7 +86,7 @@ class Shape(NamedTuple):
     is_ratio: bool = False
 
 
-class Law(NamedTuple):
+class RecordLaw(NamedTuple):
     """A law of what is driven along a record.
 
     Attributes:
@@ -130,13 +131,8 @@ def reported(values: Values, zero: float) -> dict[str, float]:
     return {**found, 'force_zero': zero}
 
 
-def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
-    """dz(u; g), m."""
-    return np.asarray(np.sign(deflection) * np.maximum(np.abs(deflection) - half_gap, 0.0))
-
-
 def _spring(path: RecordPath, values: Values) -> Floats:
-    return _dead_zone(path.driver - path.driver.mean() - values['zero'], values['half_gap'])
+    return beyond_gap(path.driver - path.driver.mean() - values['zero'], values['half_gap'])
 
 
 def _softening(path: RecordPath, values: Values) -> tuple[Floats]:
@@ -149,34 +145,34 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
     half_gap = values['half_gap']
     rising, falling = half_gap + values['limit_positive'], half_gap + values['limit_negative']
     held = path.driver - path.play_operator((rising + falling) / 2, values['state'])
-    return (_dead_zone(held + (rising - falling) / 2, half_gap),)
+    return (beyond_gap(held + (rising - falling) / 2, half_gap),)
 
 
 _SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (0.01, 0.03, 0.08, 0.2), 0.0))
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
-BACKLASH = Law(
+BACKLASH = RecordLaw(
     'backlash', 'backlash', 'law (6): slope and gap',
     ('stiffness',), _SPRING, lambda path, values: (_spring(path, values),),
 )  # fmt: skip
 MOTION_LAWS = (
-    Law(
+    RecordLaw(
         'softening', 'softening', 'softening spring',
         ('stiffness',), (*_SPRING, *_LIMITS), _softening,
     ),
-    Law(
+    RecordLaw(
         'viscous', 'viscous', 'damper in parallel',
         ('stiffness', 'damping'), _SPRING, lambda path, values: (_spring(path, values), path.speed),
     ),
-    Law(
+    RecordLaw(
         'friction', 'friction', 'friction in parallel',
         ('stiffness', 'friction'), _SPRING, lambda path, values: (_spring(path, values), path.sense),
     ),
-    Law(
+    RecordLaw(
         'slip_no_gap', 'slip', 'slip in series, no gap',
         ('stiffness',), (_LIMITS[0]._replace(name='limit'),),
         lambda path, values: (path.driver - path.play_operator(values['limit'], values['state']),), True,
     ),
-    Law(
+    RecordLaw(
         'slip', 'slip', 'slip in series',
         ('stiffness',), (_SPRING[1], *_LIMITS), _slip, True,
     ),
@@ -197,7 +193,7 @@ def _gap_that_stays(band: float) -> Columns:
 def _friction(path: RecordPath, values: Values) -> tuple[Floats, Floats]:
     """The load that friction in parallel leaves to the spring, and its sign, rounded."""
     elastic = path.play_operator(values['friction'], values['state'], values.get('friction_ratio', 0.0))
-    return elastic, elastic / np.hypot(elastic, values['rounding'])
+    return elastic, rounded_sign(elastic, values['rounding'])
 
 
 def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
@@ -207,17 +203,17 @@ def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
 
 
 LOAD_BACKLASH = BACKLASH._replace(amplitudes=('compliance', 'half_gap'), shape=(), columns=_gap_that_returns(4.0))
-_GAP = Law(
+_GAP = RecordLaw(
     'gap', 'gap', 'gap that keeps its place when unloaded',
     LOAD_BACKLASH.amplitudes, (), _gap_that_stays(4.0), True,
 )  # fmt: skip
-_FRICTION = Law(
+_FRICTION = RecordLaw(
     'friction', 'friction', 'friction in parallel',
     LOAD_BACKLASH.amplitudes,
     (Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0), Shape('rounding', (0.01, 0.03, 0.1), most=1.0)),
     _friction, True,
 )  # fmt: skip
-_SLIP = Law(
+_SLIP = RecordLaw(
     'slip', 'slip', 'slip in series with memory',
     ('compliance', 'slip_compliance'), (Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0),),
     _slips, True,

@@ -40,6 +40,7 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, Unsupporte
 from scara_kinetostatic.files import tables
 from scara_kinetostatic.files.tables import Field, Place, Sheet, load_table, split_heading
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.model.joint_law import place_in_band
 from scara_kinetostatic.model.touch import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
@@ -380,7 +381,7 @@ class RecordPath:
         """
         width = (band or 0.0) * self.record.noise(self.record.load)
         change = self.record.load if band is None else self.record.load_change
-        return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
+        return self._means(place_in_band(change, width)[0] if width > 0 else np.sign(change))
 
     def last_sign(self, band: float, state: float) -> Floats:
         """Sign of the load where it exceeds a band, else the last such sign; `state` before the first one, (n,)."""

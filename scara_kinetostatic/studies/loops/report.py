@@ -19,7 +19,7 @@ from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, 
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, block_means
-from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Judged, ResidualDependence, Selection
 
 
 def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
@@ -199,7 +199,7 @@ def _reservations(selection: Selection) -> list[str]:
     return sentences
 
 
-def _strongest(found: Sequence[Dependence], record: Record) -> str:
+def _strongest(found: Sequence[ResidualDependence], record: Record) -> str:
     best = min(filter(lambda each: each.is_tested, found), key=lambda each: each.p_value)
     return record.words(f'depends on {VARIABLES[best.variable]}')
 

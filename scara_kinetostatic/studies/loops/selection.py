@@ -61,8 +61,16 @@ from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
-from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
+from scara_kinetostatic.studies.loops.fit import (
+    FitSamples,
+    FittedLaw,
+    PredictedRecord,
+    effective_count,
+    evaluate,
+    fit_law,
+    predict,
+)
+from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, RecordLaw
 from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
 _BINS = 16
@@ -88,7 +96,7 @@ VARIABLES = {
 """In words; memory: the residual at rest after the load is not that at rest before it."""
 
 
-class Dependence(NamedTuple):
+class ResidualDependence(NamedTuple):
     """Dependence on one variable.
 
     Attributes:
@@ -109,7 +117,7 @@ class Dependence(NamedTuple):
         return bool(np.isfinite(self.p_value))
 
 
-def p_independent(found: Sequence[Dependence]) -> float:
+def p_independent(found: Sequence[ResidualDependence]) -> float:
     """p-value of no dependence on any variable (Bonferroni)."""
     return min([1.0, *(len(found) * each.p_value for each in found if each.is_tested)])
 
@@ -235,23 +243,23 @@ MATERIAL = 0.05
 NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED, UNDECIDED = 'none', 'explained', 'ambiguous', 'unexplained', 'undecided'
 
 
-class Estimate(NamedTuple):
+class UncertainValue(NamedTuple):
     """A value with its standard deviation, in an SI unit."""
 
     value: float
     std: float
     unit: str = ''
 
-    def over(self, divisor: float, unit: str = '') -> Estimate:
+    def over(self, divisor: float, unit: str = '') -> UncertainValue:
         """Divided by a number above 0, which may change the unit; a gap over 2 is the g of (6) and (7)."""
-        return Estimate(self.value / divisor, self.std / divisor, unit or self.unit)
+        return UncertainValue(self.value / divisor, self.std / divisor, unit or self.unit)
 
-    def plus(self, value: float, std: float) -> Estimate:
+    def plus(self, value: float, std: float) -> UncertainValue:
         """With an independent quantity of the same unit added."""
         return self._replace(value=self.value + value, std=float(np.hypot(self.std, std)))
 
 
-class Candidate(NamedTuple):
+class TestedLaw(NamedTuple):
     """A law on the records.
 
     Attributes:
@@ -267,13 +275,13 @@ class Candidate(NamedTuple):
         accepted: whether it is better by all criteria.
     """
 
-    law: Law
-    whole: Fit
-    along: tuple[Prediction, ...]
-    held_out: tuple[Prediction, ...]
+    law: RecordLaw
+    whole: FittedLaw
+    along: tuple[PredictedRecord, ...]
+    held_out: tuple[PredictedRecord, ...]
     fitted_rms: float
     held_out_rms: float
-    parameters: dict[str, Estimate]
+    parameters: dict[str, UncertainValue]
     p_gain: float = float('nan')
     bic: float = float('nan')
     accepted: bool = False
@@ -297,7 +305,9 @@ class Study:
         UnsupportedDataError: a record is not of full loops, or does not go from rest to rest.
     """
 
-    def __init__(self, records: Sequence[Record], driven_by: str = LOAD, laws: Sequence[Law] | None = None) -> None:
+    def __init__(
+        self, records: Sequence[Record], driven_by: str = LOAD, laws: Sequence[RecordLaw] | None = None
+    ) -> None:
         self.records, self.driven_by = tuple(records), driven_by
         self.paths = tuple(RecordPath(record, driven_by) for record in records)
         self.blocks = [RecordPath(record, driven_by, in_blocks=True) for record in records]
@@ -316,7 +326,7 @@ class Study:
         self._forms, self._gap_forms, own = FAMILIES[driven_by]
         self.laws = tuple(own if laws is None else laws)
 
-    def law6(self) -> tuple[Candidate, tuple[Dependence, ...], float]:
+    def law6(self) -> tuple[TestedLaw, tuple[ResidualDependence, ...], float]:
         """Law (6), the dependence of its residual in the form that leaves least, its p-value without memory.
 
         The best form of a gap that keeps its place is added to the laws that are compared.
@@ -336,13 +346,13 @@ class Study:
             raise UnsupportedDataError(f'{self.records[0].source}: {problem}', remedy)
         return self.candidate(law), found, p_independent(without)
 
-    def _best_form(self, laws: Sequence[Law]) -> tuple[Law, tuple[Dependence, ...]]:
+    def _best_form(self, laws: Sequence[RecordLaw]) -> tuple[RecordLaw, tuple[ResidualDependence, ...]]:
         """Of several forms the one of the least squares, and the dependence of that which explains best."""
         fits = [fit_law(self._moments(law)) for law in laws]
         found = [self.dependences(self._along(fitted)) for fitted in fits]
         return min(fits, key=lambda each: each.square).law, max(found, key=p_independent)
 
-    def candidate(self, law: Law) -> Candidate:
+    def candidate(self, law: RecordLaw) -> TestedLaw:
         """The law fitted to all records and held out from each."""
         moments = self._moments(law)
         whole = fit_law(moments)
@@ -353,25 +363,25 @@ class Study:
         held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=False))
         held_out, along = held_out or (self._halves(law),), self._along(whole)
         parameters = self._with_std(whole, fits)
-        return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
+        return TestedLaw(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
-    def _halves(self, law: Law) -> Prediction:
+    def _halves(self, law: RecordLaw) -> PredictedRecord:
         """Each half of a single record predicted by a fit to the other one; from rest to rest the later one alone."""
         (path,), (block,) = self.paths, self.blocks
         pairs = zip(block.halves, path.halves, strict=True)
-        found = [predict(fit_law([Moments(law, block, rows, self.size)]), path, known) for rows, known in pairs]
+        found = [predict(fit_law([FitSamples(law, block, rows, self.size)]), path, known) for rows, known in pairs]
         return found[0]._replace(residual=np.where(path.earlier, found[-1].residual, found[0].residual))
 
-    def with_std(self, candidate: Candidate) -> Candidate:
+    def with_std(self, candidate: TestedLaw) -> TestedLaw:
         """Parameters with their standard deviations; of several records they are there."""
         if not (self.is_single and self.in_loops):
             return candidate
         (path,), (block,), whole = self.paths, self.blocks, candidate.whole
         parts = block.sweep // 2 if path.driven_by == MOTION else block.sweep
-        kept = [Moments(candidate.law, block, parts != each, self.size) for each in np.unique(parts)]
+        kept = [FitSamples(candidate.law, block, parts != each, self.size) for each in np.unique(parts)]
         return candidate._replace(parameters=self._with_std(whole, [fit_law([one], whole, near=True) for one in kept]))
 
-    def dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
+    def dependences(self, along: Sequence[PredictedRecord]) -> tuple[ResidualDependence, ...]:
         """Dependence of the residual along the records on all variables, in decreasing order of the explained share.
 
         Where any record is in loops, one that is not does not count, nor does a first sweep.
@@ -385,10 +395,10 @@ class Study:
             p_value, share = _fisher(p_values), sum(explained) / total if total > 0 else 0.0
             limit = sum(detectable) / total if total > 0 else 0.0
             limit = min(detectable) if self.in_loops else min(limit, 1.0) if p_value >= 0 else np.nan
-            found.append(Dependence(name, share, p_value, limit))
+            found.append(ResidualDependence(name, share, p_value, limit))
         return tuple(sorted(found, key=lambda each: -each.share))
 
-    def p_better(self, one: Candidate, other: Candidate) -> float:
+    def p_better(self, one: TestedLaw, other: TestedLaw) -> float:
         """p-value of one law predicting no better than another."""
         if not self.in_loops:
             return self._p_by_blocks(one, other)
@@ -403,7 +413,7 @@ class Study:
                 ratios.append(np.log(worse / better))
         return p_positive(np.concatenate(ratios))
 
-    def _p_by_blocks(self, one: Candidate, other: Candidate) -> float:
+    def _p_by_blocks(self, one: TestedLaw, other: TestedLaw) -> float:
         """From rest to rest, by Pitman and Morgan's test."""
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
         sizes = sorted(path.size for path in self.paths)  # a load far beyond those of all others is left out
@@ -419,7 +429,7 @@ class Study:
         correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
         return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
 
-    def misfit(self, candidate: Candidate) -> str:
+    def misfit(self, candidate: TestedLaw) -> str:
         """In loops of several records, the one on which the law of all errs most beside a law of its own, in words;
         empty where it errs on each by less than 5 % of its range, or less than 2.5 times as much.
         """
@@ -438,7 +448,7 @@ class Study:
             f'are they of one joint? What is predicted may err as much.'
         )
 
-    def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
+    def fitted_blocks(self, candidate: TestedLaw) -> list[Floats]:
         """Residuals of the fit to all records, of a load from its coming on, as means of blocks."""
         found = []
         for state, path in zip(candidate.whole.states.tolist(), self.paths, strict=True):
@@ -447,22 +457,22 @@ class Study:
         rows = [path.scored if self.driven_by == MOTION else ~path.rest for path in self.paths]
         return self._in_blocks(found, rows)
 
-    def _with_std(self, whole: Fit, without: Sequence[Fit]) -> dict[str, Estimate]:
+    def _with_std(self, whole: FittedLaw, without: Sequence[FittedLaw]) -> dict[str, UncertainValue]:
         """Parameters with their standard deviations from the fits without one part each; NaN without fits."""
         share, found = (len(without) - 1) / max(len(without), 1), {}
         for name, value in whole.reported.items():
             several = np.array([each.reported[name] for each in without])
             std = float(np.sqrt(share * ((several - several.mean()) ** 2).sum())) if without else np.nan
-            found[name] = Estimate(value, std, self.records[0].unit(PARAMETERS[name][1]))
+            found[name] = UncertainValue(value, std, self.records[0].unit(PARAMETERS[name][1]))
         return found
 
-    def _moments(self, law: Law) -> list[Moments]:
-        return [Moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
+    def _moments(self, law: RecordLaw) -> list[FitSamples]:
+        return [FitSamples(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
 
-    def _along(self, fitted: Fit) -> tuple[Prediction, ...]:
+    def _along(self, fitted: FittedLaw) -> tuple[PredictedRecord, ...]:
         return tuple(predict(fitted, path, path.known) for path in self.paths)
 
-    def _rms(self, predictions: Sequence[Prediction]) -> float:
+    def _rms(self, predictions: Sequence[PredictedRecord]) -> float:
         return rms(np.concatenate([each.residual[rows] for each, rows in zip(predictions, self.judged, strict=True)]))
 
     def _in_blocks(self, residuals: Sequence[Floats], rows: Sequence[Mask]) -> list[Floats]:
@@ -503,8 +513,8 @@ class Judged(NamedTuple):
 
     path: RecordPath
     rows: Mask
-    before: Prediction
-    after: Prediction
+    before: PredictedRecord
+    after: PredictedRecord
     state: float
 
     @property
@@ -537,18 +547,18 @@ class Selection(NamedTuple):
     """
 
     study: Study
-    before: Candidate
-    candidates: tuple[Candidate, ...]
-    selected: Candidate | None
-    rivals: tuple[Candidate, ...]
-    dependence_before: tuple[Dependence, ...]
+    before: TestedLaw
+    candidates: tuple[TestedLaw, ...]
+    selected: TestedLaw | None
+    rivals: tuple[TestedLaw, ...]
+    dependence_before: tuple[ResidualDependence, ...]
     p_without_memory: float
-    dependence_after: tuple[Dependence, ...]
+    dependence_after: tuple[ResidualDependence, ...]
     verdict: str
     misfit: str = ''
 
     @property
-    def final(self) -> Candidate:
+    def final(self) -> TestedLaw:
         """The selected law, or law (6) if none is selected."""
         return self.selected or self.before
 
@@ -557,7 +567,7 @@ class Selection(NamedTuple):
         """Whether the residual of the law that is stated was not found to depend on anything."""
         return self.p_after >= LEVEL / 2
 
-    def stated(self, candidate: Candidate) -> dict[str, Estimate]:
+    def stated(self, candidate: TestedLaw) -> dict[str, UncertainValue]:
         """The parameters of a law; without standard deviations where no law is complete: they are then no compliance
         and no gap of the joint.
         """
@@ -600,7 +610,7 @@ class Selection(NamedTuple):
     def _range(self) -> float:
         return max(float(np.ptp(each.driven)) for each in self.study.paths)
 
-    def is_clearly_smaller(self, candidate: Candidate) -> bool:
+    def is_clearly_smaller(self, candidate: TestedLaw) -> bool:
         """Whether its held-out error is clearly below that of law (6): below 80 % of it."""
         return candidate.held_out_rms < 0.8 * self.before.held_out_rms
 

@@ -20,8 +20,8 @@ from scara_kinetostatic.studies.paper.study import (
     FORCE_ERROR,
     FORCE_ERROR_FROM_NOISE,
     NOISE,
+    BothFits,
     Reproduction,
-    Run,
     determined_combination,
 )
 
@@ -44,7 +44,7 @@ def paper_document(r: Reproduction) -> Document:
     }
 
 
-def _run(run: Run) -> Document:
+def _run(run: BothFits) -> Document:
     found: Document = {
         name: {'parameters': fit.parameters.as_dict(), 'force_error': fit.force_error, 'iterations': fit.iterations}
         for name, fit in (('paper_algorithm', run.paper), ('weighted', run.weighted))

@@ -252,17 +252,17 @@ def paper_touches(levels: tuple[float, ...], noise: Noise | None = None, seed: i
     return simulate_touches(CELL, PAPER_ACTUAL, plan, noise or Noise(joint=0.0, force=0.0), seed)
 
 
-class Run(NamedTuple):
+class BothFits(NamedTuple):
     """One data set through both estimators: the algorithm of the paper, and `calibrate`."""
 
     paper: PaperFit
     weighted: Calibration
 
 
-def run(levels: tuple[float, ...], noise: Noise | None = None, seed: int = 0) -> Run:
+def run(levels: tuple[float, ...], noise: Noise | None = None, seed: int = 0) -> BothFits:
     """Simulates one data set, without noise by default, and estimates L̄ from L̄n by both algorithms."""
     touches, cell = paper_touches(levels, noise, seed), replace(CELL, noise=noise or CELL.noise)
-    return Run(paper_calibrate(touches, cell), calibrate(touches, cell))
+    return BothFits(paper_calibrate(touches, cell), calibrate(touches, cell))
 
 
 def predicted_covariances(noise: Noise = NOISE) -> tuple[Floats, Floats]:
@@ -342,9 +342,9 @@ class Reproduction(NamedTuple):
         dial_gauge: the experiments of section 5.2.
     """
 
-    exact: Run
-    exact_levels: Run
-    noisy: Run
+    exact: BothFits
+    exact_levels: BothFits
+    noisy: BothFits
     monte_carlo: dict[str, Scatter]
     dial_gauge: DialGaugeAnalysis
 
