@@ -300,7 +300,7 @@ class TouchRunner(RecordingNode):
     def _new_runner(self) -> Runner:
         most, patience = self.value('max_touches'), self.value('patience')
         runner = Runner(self._cell, most, self._detect, self._submit, self._planner, patience)
-        runner.streams = not self._controller.is_action
+        runner.robot.streams = not self._controller.is_action
         return runner
 
     def _submit(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
