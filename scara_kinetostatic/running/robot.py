@@ -22,7 +22,7 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import MILLI, Parameters
+from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters
 from scara_kinetostatic.simulation.plan import ROUNDING
 
 AHEAD_OF_CONTACT = 0.1
@@ -230,7 +230,7 @@ class Traversal:
         if self._ramps:
             ahead = (np.append(self.track.corners, goal) - at) * np.sign(left)
             there = np.append(self.track.slow, _CORNER)
-            near, behind = ahead > 1e-6, (ahead <= 1e-6) & (ahead > -1.0)
+            near, behind = ahead > MICRO, (ahead <= MICRO) & (ahead > -1.0)
             limits = np.sqrt(there**2 + 2 * ACCELERATION * np.abs(ahead))[near | behind]
             speed = min(most, now + ACCELERATION * elapsed, float(limits.min(initial=np.inf)))
             speed = max(speed, min(most, _CORNER))
