@@ -32,6 +32,8 @@ COMMAND = (
     'import sys; sys.path[:] = sys.argv[2:]; from scara_kinetostatic.nodes.calibration_job import main; main()',
 )
 """Followed by the order, as JSON, and the places of Python modules: that of this package, then those of the node."""
+_READ, _FITTED = 0.3, 0.8
+"""Parts of the work: after reading, and after the fit."""
 PATIENCE = 3.0
 """Time for the process to end by itself after it was told to, s."""
 
@@ -76,7 +78,7 @@ def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
 
     def over_all(step: str, part: float) -> None:  # of reading, then of fitting, each from 0 to 1
         nonlocal has_read
-        progress(step, 0.3 + 0.5 * part if has_read else 0.3 * part)
+        progress(step, _READ + (_FITTED - _READ) * part if has_read else _READ * part)
         has_read |= part >= 1.0
 
     outcome = calibrate_files(
@@ -87,7 +89,7 @@ def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
         options=('the parameter cell', 'parameter fixed:', 'parameter leave_out'),
         progress=over_all,
     )
-    progress('writing the results', 0.8)
+    progress('writing the results', _FITTED)
     aside = outcome.assessment.grade.value == UNFIT and not job.publish_unfit
     folder = Path(job.output) / (UNFIT if aside else '')
     return {'folder': str(folder.absolute()), 'note': write_results(outcome, folder).note}

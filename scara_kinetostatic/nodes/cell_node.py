@@ -31,12 +31,12 @@ from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plane
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_identification
-from scara_kinetostatic.nodes.conversion import diagnostic
-from scara_kinetostatic.nodes.streams import LATCHED
+from scara_kinetostatic.nodes.conversion import diagnostic, force_text
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, QUEUE
 from scara_kinetostatic.report.json_file import Document
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-CALLS = QoSProfile(depth=1000)
+CALLS = QoSProfile(depth=LATCHED_TOUCHES.depth)
 """Of services: so many calls at once wait for their answer; with the default of 10 the others are lost unanswered."""
 LASTING: dict[str, Any] = {'throttle_duration_sec': 30.0}
 """How often the log has what is examined once a second."""
@@ -206,7 +206,7 @@ class CellNode(Node):
         Args:
             tare: takes it as zero and returns it, (x, y), N; an error says why it cannot.
         """
-        self.serve('tare', lambda: 'zero of the force: ({:.4g}, {:.4g}) N'.format(*tare()))
+        self.serve('tare', lambda: f'zero of the force: {force_text(tare())} N')
 
     def _look_at_clock(self) -> None:
         """Says that simulated time, on which all waits, does not pass."""
@@ -255,7 +255,7 @@ class CellNode(Node):
             title: of the status, after the node's name.
             examine: returns the status.
         """
-        publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        publisher = self.create_publisher(DiagnosticArray, '/diagnostics', QUEUE)
         self.every(1.0, lambda: publisher.publish(self.status(title, *examine())))
 
 

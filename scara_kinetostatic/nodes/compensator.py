@@ -31,7 +31,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.executors import Executor
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
@@ -44,8 +43,8 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, check_free
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import UnusableMessageError, planar
-from scara_kinetostatic.nodes.streams import CellStreams, Stream, waiting
+from scara_kinetostatic.nodes.conversion import UnusableMessageError, force_text, planar
+from scara_kinetostatic.nodes.streams import NEWEST, QUEUE, RELIABLE_STREAM, CellStreams, Stream, waiting
 from scara_kinetostatic.planning.motion import Space
 
 _SURE = ('ok', 'unloaded')
@@ -69,20 +68,18 @@ class Compensator(CellNode):
         self._statuses: Counter[str] = Counter()  # of the poses since the last report
         self._zero: tuple[float, float] | None = None
         self._joints: tuple[float, float, float] | None = None  # the last, and when it came
-        self._forces: deque[tuple[float, float, float]] = deque(maxlen=5000)
+        self._forces: deque[tuple[float, float, float]] = deque(maxlen=RELIABLE_STREAM.depth)
         self._others = {cell.lift.joint: cell.lift.down} if cell.lift else {}
         self._motion, self._approach, self._needs_metadata = MotionSense(), (0.0, 0.0), False
         self._answered, self._answer_problem = 'none', ''
         self._streams = CellStreams(self, cell, self._turned)
-        self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
+        self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', QUEUE)
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
-        self._status = self.create_publisher(DiagnosticArray, '~/answer', 10)
-        # samples that a busy machine has let wait are left out; matches every publisher
-        newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._status = self.create_publisher(DiagnosticArray, '~/answer', QUEUE)
         joints, force = cell.sensor[:2]
-        self._joint_states = self.create_subscription(JointState, joints, self._take_joints, newest, raw=True)
-        self._wrenches = self.create_subscription(WrenchStamped, force, self._take_wrench, newest, raw=True)
-        self._requests = self.create_subscription(MultiDOFJointState, '~/compensate', self._answer, 10, raw=True)
+        self._joint_states = self.create_subscription(JointState, joints, self._take_joints, NEWEST, raw=True)
+        self._wrenches = self.create_subscription(WrenchStamped, force, self._take_wrench, NEWEST, raw=True)
+        self._requests = self.create_subscription(MultiDOFJointState, '~/compensate', self._answer, QUEUE, raw=True)
         self.serve_tare(self._tare)
         self.publish_status('tip', self._report)
         self._calibration.start()
@@ -272,7 +269,7 @@ class Compensator(CellNode):
         values = {
             'last answer': self._answered,
             'force [N]': f'{hypot(fx - zero[0], fy - zero[1]):.4g}',
-            'zero of the force [N]': f'({zero[0]:.4g}, {zero[1]:.4g})' if self._zero else 'not tared',
+            'zero of the force [N]': force_text(zero) if self._zero else 'not tared',
             **{f'poses: {name}': str(number) for name, number in statuses.items()},
         }
         found = [*complaints, assumptions, self._answer_problem]

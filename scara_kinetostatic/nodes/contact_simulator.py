@@ -29,15 +29,17 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NANO
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
+from scara_kinetostatic.nodes.streams import LATCHED, QUEUE, RELIABLE_STREAM
 from scara_kinetostatic.simulation.commanded import Body, Malfunction, ModelBody, Plant, PlantSettings
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.plan import Plan, Slide, default_plan, load_plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -65,9 +67,9 @@ class Commanded:
             if min(due) > elapsed:
                 return
             reading = self.plant.step(min(due))
-            stamp = self.start + round(1e9 * reading.time)
+            stamp = self.start + round(SECOND * reading.time)
             for number, values in enumerate((reading.joints, reading.force)):
-                if due[number] <= min(due) + 1e-9:
+                if due[number] <= min(due) + NANO:
                     self._counts[number] += 1
                     if values is not None:
                         yield number == 1, (stamp, *values)
@@ -113,7 +115,7 @@ class Playback:
             Whether it is a wrench, else joint angles; its stamp and its numbers.
         """
         first = self._next
-        self._next = max(first, int(np.searchsorted(self._stamp, round(1e9 * elapsed), side='right')))
+        self._next = max(first, int(np.searchsorted(self._stamp, round(SECOND * elapsed), side='right')))
         for row in range(first, self._next):
             stamp = self.start + int(self._stamp[row])
             yield bool(self._is_wrench[row]), (stamp, *self._values[row].tolist())
@@ -138,7 +140,7 @@ class ContactSimulator(CellNode):
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
         self._finished.publish(Bool(data=False))
-        self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if self.value('publish_clock') else None
+        self._time_of_cell = self.create_publisher(Clock, '/clock', QUEUE) if self.value('publish_clock') else None
         plane, self._axes = self._cell.plane, self._cell.force_axes
         mount = plane.tip or TOOL_FRAME if sensor.frame is SensorFrame.TOOL else plane.frame
         self._frame_id = self.value('frame_prefix') + (self.value('sensor_link') or mount)
@@ -204,9 +206,9 @@ class ContactSimulator(CellNode):
         def take(message: JointTrajectory) -> None:
             try:
                 times, *points = conversion.trajectory_points(message)
-                begins = 1e-9 * conversion.nanoseconds_of(message.header.stamp)
+                begins = NANO * conversion.nanoseconds_of(message.header.stamp)
                 ends = begins + max(times, default=0.0)
-                if begins and ends < (now := 1e-9 * self.now()):
+                if begins and ends < (now := NANO * self.now()):
                     raise ParameterError('trajectory refused', f'it ended {now - ends:.1f} s ago', 'stamp it with 0')
                 plant.command(message.joint_names, times, *points)
             except ParameterError as error:
@@ -214,7 +216,7 @@ class ContactSimulator(CellNode):
 
         if service := self._cell.sensor.zero_service:
             self.serve(self.resolve_service_name(service), plant.zero, 'the force is zero')
-        self.create_subscription(JointTrajectory, 'joint_trajectory', take, 10)
+        self.create_subscription(JointTrajectory, 'joint_trajectory', take, QUEUE)
         self.serve('reset', plant.reset, 'the drives are on')
         self.get_logger().info(f'obeys {self.resolve_topic_name("joint_trajectory")}: {" ".join(plant.names)}')
         return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
@@ -254,7 +256,7 @@ class ContactSimulator(CellNode):
 
     def _publish_clock(self) -> None:
         if self._time_of_cell is not None:
-            stamp = conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed))
+            stamp = conversion.stamp_of(self._playback.start + round(SECOND * self._elapsed))
             self._time_of_cell.publish(Clock(clock=stamp))
 
     def _set_fault(self, plant: Plant) -> None:
@@ -282,7 +284,7 @@ class ContactSimulator(CellNode):
     def _end_pass(self) -> None:
         assert isinstance(self._playback, Playback)
         if self.value('loop'):
-            self._playback = self._simulate(self._playback.end + 10**9)  # after a pause of 1 simulated s
+            self._playback = self._simulate(self._playback.end + SECOND)  # after a pause of 1 simulated s
             self._elapsed = -1.0
             return
         self._timer.cancel()

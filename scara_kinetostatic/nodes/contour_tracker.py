@@ -23,8 +23,9 @@ from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.result import NO_RADIUS, Outline, remarks_on
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.parameters import MICRO, MILLI
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import Sample, path
+from scara_kinetostatic.nodes.conversion import Sample, force_text, path
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 
 
@@ -137,11 +138,11 @@ def _figures(online: OnlineContour) -> dict[str, str]:
     figures = {
         'state': 'sliding' if contour is not None else 'not sliding',
         'outlines': str(len(online.outlines)),
-        'zero of the force [N]': 'not known' if zero is None else f'({zero[0]:.4g}, {zero[1]:.4g})',
+        'zero of the force [N]': 'not known' if zero is None else force_text(zero.tolist()),
     }
     if outline is not None:
-        figures |= {'outline': 'closed' if outline.closed else 'open', 'length [mm]': f'{1e3 * outline.length:.1f}'}
-        figures['standard uncertainty [µm]'] = f'{1e6 * np.median(outline.std):.2g}'
+        figures |= {'outline': 'closed' if outline.closed else 'open', 'length [mm]': f'{outline.length / MILLI:.1f}'}
+        figures['standard uncertainty [µm]'] = f'{np.median(outline.std) / MICRO:.2g}'
     if contour is not None:
         figures['coefficient of friction'] = f'{contour.friction.coefficient:.3f} ± {contour.friction.std:.3f}'
     return figures

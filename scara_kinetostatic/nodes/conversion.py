@@ -34,12 +34,16 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.parameters import MILLI
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import NAME
-from scara_kinetostatic.touches.clock import JointParts, Samples
+from scara_kinetostatic.touches.clock import SECOND, JointParts, Samples
 
-NANOSECONDS = 1_000_000_000
+TOUCH_NUMBERS = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N', 'approach1', 'approach2', 'press1', 'press2'
+"""Of a touch on the collector's `~/touch`: joint angles, force, movement before the hold and in contact."""
+_LARGEST = 1e5
+"""Of a number in a message: rad, N or m."""
 _PLAIN = b'\0\1'
 """How a message in plain CDR, little endian, begins."""
 
@@ -62,12 +66,12 @@ class UnusableMessageError(Exception):
 
 def stamp_of(nanoseconds: int) -> Time:
     """The time as a message."""
-    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+    return Time(sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND)
 
 
 def nanoseconds_of(stamp: Time | Duration) -> int:
     """A time or a duration, ns."""
-    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
+    return int(stamp.sec * SECOND + stamp.nanosec)
 
 
 def diagnostic(name: str, level: bytes, text: str, values: Mapping[str, object], hardware: str = '') -> DiagnosticArray:
@@ -85,6 +89,11 @@ def diagnostic(name: str, level: bytes, text: str, values: Mapping[str, object],
     return DiagnosticArray(status=[status])
 
 
+def force_text(force: Sequence[float]) -> str:
+    """Both components, N, in words."""
+    return f'({force[0]:.4g}, {force[1]:.4g})'
+
+
 def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
     """A message with a stamp, ns, and the position of each joint."""
     return JointState(header=Header(stamp=stamp_of(int(sample[0]))), name=list(names), position=list(sample[1:]))
@@ -100,7 +109,7 @@ def wrench(sample: Sequence[float], frame_id: str) -> geometry.WrenchStamped:
 
 def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]], list[Sequence[float]]]:
     """Times from its start, s, positions and velocities of the points of a trajectory."""
-    times = [nanoseconds_of(point.time_from_start) / NANOSECONDS for point in message.points]
+    times = [nanoseconds_of(point.time_from_start) / SECOND for point in message.points]
     return times, [point.positions for point in message.points], [point.velocities for point in message.points]
 
 
@@ -121,10 +130,10 @@ def pose_bytes(stamp_ns: int, plane: Plane, pose: Sequence[float], covariance: F
         covariance: of these, (3, 3).
     """
     name = plane.frame.encode()
-    seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
+    seconds, nanoseconds = divmod(stamp_ns, SECOND)
     head = _PLAIN + b'\0\0' + struct.pack('<iII', seconds, nanoseconds, len(name) + 1) + name + b'\0'
     matrix = np.zeros((6, 6))
-    matrix[[[0], [1], [5]], [0, 1, 5]] = covariance
+    matrix[[[0], [1], [-1]], [0, 1, -1]] = covariance
     if plane.is_stated:
         turn = np.kron(np.eye(2), plane.axes)
         matrix = turn @ matrix @ turn.T
@@ -143,7 +152,7 @@ def planar(vector: Any, plane: Plane, *, is_place: bool) -> tuple[float, float]:
     x, y, z = (plane.in_plane(given) if is_place else given @ plane.axes).tolist()
     found = _finite(Sample(0, x, y))
     if is_place and plane.is_stated and not abs(z) <= 0.01:
-        raise UnusableMessageError(f'the place is {1e3 * abs(z):.0f} mm off the plane of the arm (robot.plane)')
+        raise UnusableMessageError(f'the place is {abs(z) / MILLI:.0f} mm off the plane of the arm (robot.plane)')
     return found.first, found.second
 
 
@@ -163,8 +172,8 @@ def joint_trajectory(
     """
     points = []
     for time, row, rates in zip(times, positions, velocities or [[]] * len(times), strict=True):
-        nanoseconds = round(time * NANOSECONDS)
-        when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+        seconds, nanoseconds = divmod(round(time * SECOND), SECOND)
+        when = Duration(sec=seconds, nanosec=nanoseconds)
         points.append(JointTrajectoryPoint(positions=list(row), velocities=list(rates), time_from_start=when))
     return JointTrajectory(joint_names=list(names), points=points)
 
@@ -299,11 +308,11 @@ def _fields(layout: Callable[[bytes], Fields], serialized: bytes) -> tuple[Field
 def _stamp(serialized: bytes) -> int:
     """Of the header, ns."""
     seconds, nanoseconds = struct.unpack_from('<iI', serialized, 4)
-    return int(seconds * NANOSECONDS + nanoseconds)
+    return int(seconds * SECOND + nanoseconds)
 
 
 def _finite(sample: Sample) -> Sample:
-    if not (abs(sample.first) <= 1e5 and abs(sample.second) <= 1e5):  # rad, N or m
+    if not all(abs(number) <= _LARGEST for number in sample[1:3]):
         raise UnusableMessageError(f'expected plausible numbers, got {sample.first:g} and {sample.second:g}')
     return sample
 
@@ -331,6 +340,15 @@ def touches_in(message: DiagnosticArray) -> Iterator[tuple[tuple[str, str], dict
         yield (values.get('recording', ''), values.get('touch', '')), values
 
 
+def numbers_of(values: Mapping[str, str]) -> list[float]:
+    """Joint angles, rad, and force, N, of a touch.
+
+    Raises:
+        KeyError, ValueError: a value is missing or no number.
+    """
+    return [float(values[name]) for name in TOUCH_NUMBERS[:4]]
+
+
 def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
     """A touch from the values of the collector's `~/touch`, in the cell of an arm.
 
@@ -345,14 +363,12 @@ def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
         raise InputError('collector/touch', problem, 'calibrate with this cell description')
     if values['frame'] != cell.sensor.frame.value:
         raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
-    names = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N'
-    numbers = [float(values[name]) for name in names]
-    for name, number in zip(names, numbers, strict=True):
+    numbers = numbers_of(values)
+    for name, number in zip(TOUCH_NUMBERS, numbers, strict=False):
         if not abs(number) <= COLUMNS[name].largest:
             raise ValueError(f'{name} = {number:g} is not plausible')
-    joints, force = np.array(numbers).reshape(2, 1, 2)
-    moved = [float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')]
-    approach, press = np.array(moved).reshape(2, 1, 2)
+    moved = [float(values.get(name) or 0.0) for name in TOUCH_NUMBERS[4:]]
+    joints, force, approach, press = np.array([*numbers, *moved]).reshape(4, 1, 2)
     return TouchSet(
         joints,
         force,

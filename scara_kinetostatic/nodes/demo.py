@@ -29,6 +29,8 @@ from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
 from scara_kinetostatic.results.calibration_yaml import NAME, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
+RATE = 125.0
+"""Of both sensors, Hz."""
 THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 """Environment of nodes that look for others on this machine only."""
 
@@ -72,7 +74,7 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
     """
     path = folder / 'cell.yaml'
     path.write_text(dump_cell(cell or DEMO_CELL), encoding='utf-8')
-    simulated = {'commanded': True, 'publish_clock': True, 'joint_rate': 125.0, 'wrench_rate': 125.0, **settings}
+    simulated = {'commanded': True, 'publish_clock': True, 'joint_rate': RATE, 'wrench_rate': RATE, **settings}
     running = {'autostart': True, 'exit_when_done': True, 'use_sim_time': True, 'output': folder}
     given = {'cell': path, **{f'contact_simulator:{name}': value for name, value in simulated.items()}}
     given |= {f'touch_runner:{name}': value for name, value in running.items()}
@@ -105,7 +107,8 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
 
 def free_domain() -> int:
     """A ROS domain that no process on this machine uses, chosen at random."""
-    domains = random.sample(range(1, 100), 99)  # their ports lie below those that Linux hands out
+    possible = range(1, 100)
+    domains = random.sample(possible, len(possible))  # their ports lie below those that Linux hands out
     return next((domain for domain in domains if is_free(domain)), domains[0])
 
 

@@ -25,7 +25,7 @@ from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
 from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in
-from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, forget_oldest
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import count
 
@@ -98,8 +98,7 @@ class Monitor(CellNode):
         self._kept[key] = measured
         if alarm is not None and (before.alarm is None or alarm.best.name != before.alarm.best.name):
             self.get_logger().error(alarm_line(alarm, self._since(monitor)))
-        while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew
-            del self._kept[next(iter(self._kept))]
+        forget_oldest(self._kept)
 
     def _take_back(self, key: tuple[str, str]) -> None:
         """Counts anew all touches that are kept but one, which was discarded."""

@@ -42,10 +42,15 @@ from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError, ScaraKinetostaticError, one_line
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
-from scara_kinetostatic.nodes.streams import CellStreams, Stream
+from scara_kinetostatic.nodes.conversion import TOUCH_NUMBERS, Sample, diagnostic, stamp_of
+from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, CellStreams, Stream
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.detection import DISCARDED, Detection, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
+
+_LEAST_FREE = 1024
+"""Of the disk, MiB."""
+_MIB = _LEAST_FREE**2
 
 
 class JudgedTouch(NamedTuple):
@@ -86,8 +91,7 @@ class JudgedTouch(NamedTuple):
             recording: folder of the recording.
             frame: of the force.
         """
-        names = 'fx_N', 'fy_N', 'q1_rad', 'q2_rad', 'approach1', 'approach2', 'press1', 'press2'
-        numbers = *(self.force or ('',) * 2), *(self.joints or ('',) * 2), *(self.approach or ('',) * 4)
+        numbers = *(self.joints or ('',) * 2), *(self.force or ('',) * 2), *(self.approach or ('',) * 4)
         values = {
             'recording': recording,
             'touch': self.number,
@@ -96,7 +100,7 @@ class JudgedTouch(NamedTuple):
             'reason': self.reason,
             'object': self.object,
             'frame': frame,
-            **dict(zip(names, numbers, strict=True)),
+            **dict(zip(TOUCH_NUMBERS, numbers, strict=True)),
         }
         name, level = f'{node}: touch {self.number}', DiagnosticStatus.WARN if self.reason else DiagnosticStatus.OK
         array = diagnostic(name, level, self.line, values, 'scara_kinetostatic')
@@ -110,7 +114,7 @@ def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
     places = {index: place for place, index in enumerate(held.index.tolist())}
     judged = []
     for episode in detection.episodes:
-        middle = detection.start + round(1e9 * 0.5 * sum(episode.hold))
+        middle = detection.start + round(SECOND / 2 * sum(episode.hold))
         touch = JudgedTouch(episode.index, middle, episode.reason)
         if (place := places.get(episode.index)) is not None:
             touch = touch._replace(
@@ -152,7 +156,7 @@ class Session:
         self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
-        self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
+        self._accepted: deque[JudgedTouch] = deque(maxlen=LATCHED_TOUCHES.depth)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
         try:
             for message in streams.frame.messages if streams else ():
@@ -252,13 +256,17 @@ class Session:
             'rejected': str(self.rejected),
             'last touch': self.news or 'none yet',
             'clock': self.clock_warning or 'header stamps',
-            'disk free [MiB]': str(shutil.disk_usage(self.folder).free >> 20),
+            'disk free [MiB]': str(self._disk_free()),
         }
 
+    def _disk_free(self) -> int:
+        """MiB."""
+        return shutil.disk_usage(self.folder).free // _MIB
+
     def disk_warning(self) -> str:
-        """That less than 1 GiB is left; empty if more is."""
-        free = shutil.disk_usage(self.folder).free >> 20
-        return '' if free >= 1024 else f'the disk of {self.folder.parent} has {free} MiB left: make room'
+        """That less than `_LEAST_FREE` is left; empty if more is."""
+        free = self._disk_free()
+        return '' if free >= _LEAST_FREE else f'the disk of {self.folder.parent} has {free} MiB left: make room'
 
     @property
     def clock_warning(self) -> str:

@@ -36,6 +36,7 @@ from scara_kinetostatic.bags.cdr import decode_transforms
 from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NANO
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
 from scara_kinetostatic.touches.streams import ALTERNATE, WrenchFrame, alternate
 
@@ -51,6 +52,16 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last value, delivered to later subscribers, too."""
 LATCHED_TOUCHES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The touches so far, delivered to later subscribers, too."""
+QUEUE = 10
+"""Messages of other topics that are kept."""
+NEWEST = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Matches every publisher; samples that a busy machine has let wait are left out."""
+
+
+def forget_oldest(touches: dict[tuple[str, str], Any]) -> None:
+    """Keeps as many touches as the topic has for one who hears it anew."""
+    for key in list(touches)[: -LATCHED_TOUCHES.depth]:
+        del touches[key]
 
 
 class Stream(Enum):
@@ -108,7 +119,7 @@ class StreamMonitor:
         """Notes a usable message, with the joint angles that it completes."""
         self.count += 1
         self.refusal, self.has_moved = '', False
-        if len(self._positions) < 5000:  # between two reports
+        if len(self._positions) < RELIABLE_STREAM.depth:  # between two reports
             self._positions += positions
 
     def note_part(self, awaited: str) -> None:
@@ -157,7 +168,7 @@ class StreamMonitor:
             problems.append(f'{lost} messages lost on the way; this machine or the network is too busy')
         values = {
             'publishers': ', '.join(self.publishers) or 'none',
-            'rate [Hz]': f'{count / max(now - since, 1e-9):.1f}',
+            'rate [Hz]': f'{count / max(now - since, NANO):.1f}',
             'messages': str(self.count),
             'unusable': str(self.unusable),
             'lost': str(self.lost),

@@ -52,25 +52,21 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
+from scara_kinetostatic.model.parameters import NANO
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, Condition, RefusedError
-from scara_kinetostatic.nodes.conversion import (
-    NANOSECONDS,
-    Sample,
-    follow_joint_trajectory,
-    joint_trajectory,
-    pose_stamped,
-)
+from scara_kinetostatic.nodes.conversion import Sample, follow_joint_trajectory, joint_trajectory, pose_stamped
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import RecordingNode, Session
-from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream, publishers_of
+from scara_kinetostatic.nodes.streams import LATCHED, QUEUE, CellStreams, Stream, publishers_of
 from scara_kinetostatic.planning.planner import Planner, known_or_infinite
 from scara_kinetostatic.results.calibration_yaml import NAME, load_result
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.detection import Detection, no_touches
 
 _PARAMETERS = (
@@ -98,7 +94,7 @@ class Controller:
 
     def __init__(self, node: Node, joints: Sequence[str], action: str, failed: Callable[[str, bool], None]) -> None:
         self._node, self._failed = node, failed
-        self._publisher = node.create_publisher(JointTrajectory, 'joint_trajectory', 10)
+        self._publisher = node.create_publisher(JointTrajectory, 'joint_trajectory', QUEUE)
         self._client: ActionClient | None = None
         self._name = self._publisher.topic_name
         if action:
@@ -204,7 +200,7 @@ class Controller:
 
 RESULT = 'calibration'
 """Folder of the result, in `output`."""
-_CLOCK_STANDS = NANOSECONDS
+_CLOCK_STANDS = SECOND
 """So long `/clock` may stand while this node listens, ns."""
 _WAIT = 10.0
 """With `autostart`, how long somebody may take to hear `joint_trajectory`, s; and the zero of the sensor."""
@@ -245,7 +241,7 @@ class TouchRunner(RecordingNode):
         self._work: ProcessPoolExecutor | None = None
         self._process: CalibrationProcess | None = None
         self._result = ''
-        self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * NANOSECONDS)
+        self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * SECOND)
         self._simulated = self._looked = self._stood = self._ahead = 0
         self._said: tuple[str, str] = ('', '')
         joints = (*self._cell.joint_names, *self._cell.other_joints)
@@ -300,7 +296,7 @@ class TouchRunner(RecordingNode):
     def _new_runner(self) -> Runner:
         most, patience = self.value('max_touches'), self.value('patience')
         runner = Runner(self._cell, most, self._detect, self._submit, self._planner, patience)
-        runner.streams = not self._controller.is_action
+        runner.robot.streams = not self._controller.is_action
         return runner
 
     def _submit(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
@@ -326,7 +322,7 @@ class TouchRunner(RecordingNode):
             self._runner.take_over(former)
         if self._zero_client is not None and not self._runner.is_in_contact:
             self._zero = self._zero_client.call_async(Trigger.Request())
-            self._waits_until = monotonic_ns() + int(_WAIT * NANOSECONDS)
+            self._waits_until = monotonic_ns() + int(_WAIT * SECOND)
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._session = Session(self._output, self._cell, self.now(), self._streams)
         self._autostart, self._is_running, self._result = False, True, ''
@@ -387,7 +383,7 @@ class TouchRunner(RecordingNode):
         steady = monotonic_ns()
         if not self.get_clock().ros_time_is_active:
             return steady
-        listened, self._looked = min(steady - self._looked, NANOSECONDS // 20), steady
+        listened, self._looked = min(steady - self._looked, SECOND // 20), steady
         over = max(0, self._stood - _CLOCK_STANDS)
         if (simulated := self.now()) == self._simulated:
             self._stood += listened
@@ -399,16 +395,16 @@ class TouchRunner(RecordingNode):
 
     def _take(self, stream: Stream, message: bytes, received: int, samples: list[Sample]) -> None:
         self._record(stream, message, received, samples)
-        senses, now = self._runner.senses, 1e-9 * self._time()
+        senses, now = self._runner.senses, NANO * self._time()
         if not samples:
             monitor = self._streams.monitors[stream]
             senses.refuse(monitor.refusal, moved=monitor.has_moved)
         for sample in samples:
             if stream is Stream.JOINTS:
                 lift = sample.others[0] if self._cell.lift and not isnan(sample.others[0]) else None
-                senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], lift)
+                senses.add_joints(now, NANO * sample.stamp_ns, sample[1:3], lift)
             else:
-                senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
+                senses.add_force(now, NANO * sample.stamp_ns, sample[1:3])
                 if not 0 <= self._time() - self._ticked < 2_000_000:
                     self._tick()
 
@@ -435,9 +431,9 @@ class TouchRunner(RecordingNode):
         if not self._is_running or not self._is_zeroed():
             return
         now = self._ticked = self._time()
-        if (command := self._runner.tick(1e-9 * now)) is not None:
+        if (command := self._runner.tick(NANO * now)) is not None:
             self._controller.send(command)
-            self._runner.note(1e-9 * self._time())
+            self._runner.note(NANO * self._time())
         status = self._runner.status
         if (status.phase, status.text) != self._said:
             self._said = status.phase, status.text

@@ -19,7 +19,6 @@ from contextlib import suppress
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -32,8 +31,15 @@ from scara_kinetostatic.model.kinematics import forward, link_vectors, rotate
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.conversion import JointReader, UnusableMessageError, marker, marker_array, touches_in
-from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
+from scara_kinetostatic.nodes.conversion import (
+    JointReader,
+    UnusableMessageError,
+    marker,
+    marker_array,
+    numbers_of,
+    touches_in,
+)
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, NEWEST, forget_oldest, waiting
 
 _OBJECT: Colour = (0.90, 0.62, 0.0, 0.35)
 _TOUCH: Colour = (0.0, 0.62, 0.45, 1.0)
@@ -63,9 +69,8 @@ class Visualizer(CellNode):
         self._changed = True
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
-        newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
         topic = self._cell.sensor.joint_states
-        self._joint_states = self.create_subscription(JointState, topic, self._note_joints, newest, raw=True)
+        self._joint_states = self.create_subscription(JointState, topic, self._note_joints, NEWEST, raw=True)
         self._reader = JointReader(self._cell.joint_names)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
@@ -86,8 +91,7 @@ class Visualizer(CellNode):
     def _note_touch(self, message: DiagnosticArray) -> None:
         self._touches |= touches_in(message)
         self._changed = True
-        while len(self._touches) > 1000:  # the latest are shown
-            del self._touches[next(iter(self._touches))]
+        forget_oldest(self._touches)
 
     def _note_result(self, message: String) -> None:
         try:
@@ -149,9 +153,8 @@ def touch_markers(values: Mapping[str, str], parameters: Parameters, scale: floa
         scale: length of the arrow of a force, m/N.
         plane: of the arm.
     """
-    names = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N'
     try:
-        q1, q2, *force = (float(values[name]) for name in names)
+        q1, q2, *force = numbers_of(values)
     except (ValueError, LookupError):
         return []
     if not np.isfinite([q1, q2, *force]).all():

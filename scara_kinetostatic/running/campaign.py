@@ -23,12 +23,12 @@ from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward, posture
-from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.parameters import MICRO, MILLI, NANO, quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Waypoints
 from scara_kinetostatic.planning.planner import PlannedTouches, Planner
-from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, Plan, reach
+from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, ROUNDING, Plan, reach
 from scara_kinetostatic.touches.detection import Detection
 
 FIRST = 9
@@ -147,7 +147,7 @@ class Campaign:
         """Takes the touches of a detection, at least one of them accepted."""
         touches = detection.touches
         self._start = self._start or detection.start
-        self.touches.append(touches.replace(time=touches.time + 1e-9 * (detection.start - self._start)))
+        self.touches.append(touches.replace(time=touches.time + NANO * (detection.start - self._start)))
         self.accepted += len(touches)
         self._in_row = 0
         self._made_to_decide += self.knowledge.discriminating
@@ -296,32 +296,32 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Waypoints | None, str
     """
     space, cell, parameters = planner.space, planner.arm.cell, planner.arm.model.parameters
     low, high = space.limits
-    begin = np.clip(joints, low + 1e-9, high - 1e-9)
-    if (off := np.abs(begin - joints) > LIMIT_MARGIN + 1e-9).any():
+    begin = np.clip(joints, low + ROUNDING, high - ROUNDING)
+    if (off := np.abs(begin - joints) > LIMIT_MARGIN + ROUNDING).any():
         name = cell.joint_names[int(off.argmax())]
         return None, f'{name} stands beyond robot.limits, or more than half a turn from their middle: move it'
     tip, own = forward(parameters, begin)[None], posture(parameters, begin[None])
     ray, (inner, outer) = tip - (parameters.x0, parameters.y0), reach(parameters)
-    radius = max(float(np.hypot(*ray[0])), 1e-9)
-    place = tip + (np.clip(radius, inner + 1e-6, outer - 1e-6) / radius - 1) * ray
+    radius = max(float(np.hypot(*ray[0])), ROUNDING)
+    place = tip + (np.clip(radius, inner + MICRO, outer - MICRO) / radius - 1) * ray
     part, raised = np.linspace(0.0, 1.0, 21)[:, None], cell.lift is not None
     for here in [Waypoints(place, side) for side in (own, -own)][: 2 if radius > outer else 1]:
         path = forward(parameters, joints + part * (space.joints(here)[0] - joints))
         near = space.edges.distance(path, path)
-        away = (near >= np.clip(near[0], 0.0, space.clearance) - 1e-9).all() and not space.is_inside(path).any()
+        away = (near >= np.clip(near[0], 0.0, space.clearance) - ROUNDING).all() and not space.is_inside(path).any()
         if not space.beyond_limits(here).any() and (raised or away):
             break
     else:
         k = int(np.argmin(near[0]))
         owner = int(space.edges.owner[k])
-        nearest = f'{1e3 * near[0, k]:.0f} mm from {"an obstacle" if owner < 0 else cell.discs[owner].name}'
+        nearest = f'{near[0, k] / MILLI:.0f} mm from {"an obstacle" if owner < 0 else cell.discs[owner].name}'
         return None, f'the tip stands too near to an object or the end of its reach ({nearest}): move it away'
     k = int(np.argmin(near[-1]))
     if raised or near[-1, k] >= space.clearance:
         return here, ''
-    beside = place + 1e-6 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    beside = place + MICRO * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     slopes = space.edges.distance(beside, beside)[:, k]
-    out = place + (space.clearance + 1e-3 - near[-1, k]) * (slopes[:2] - slopes[2:]) / 2e-6
+    out = place + (space.clearance + MILLI - near[-1, k]) * (slopes[:2] - slopes[2:]) / (2 * MICRO)
     both = Waypoints(np.concatenate([place, out]), np.concatenate([here.posture] * 2))
     return both if space.may_move(here, out)[0] else here, ''
 

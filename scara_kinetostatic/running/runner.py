@@ -2,7 +2,7 @@
 
 Every touch: travel to where the approach begins, with one command; take the zero of the force; approach slowly until
 the force says contact; press in steps to the force that is wanted, dragging the tip aside
-(`kinetostatics.press_aside`); hold; retract to where the approach began; wait for the judgement of the collector's own
+(`tip.press_aside`); hold; retract to where the approach began; wait for the judgement of the collector's own
 detection. The script of it is a generator that is resumed with every `tick`.
 
 **Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
-from math import dist, hypot
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -29,13 +29,25 @@ import numpy as np
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
-from scara_kinetostatic.model.parameters import Parameters, quantity
+from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters, quantity
 from scara_kinetostatic.model.tip import press_aside, tip_yield
 from scara_kinetostatic.planning.motion import Waypoints
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker, length
-from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, SILENT, Command, Commander, Fault, Motion, Senses, Track
+from scara_kinetostatic.running.robot import (
+    BEHIND,
+    LIFT_SPEED,
+    OFF_APPROACH,
+    OFF_TRACK,
+    SILENT,
+    Command,
+    Commander,
+    Fault,
+    Senses,
+    Track,
+    Traversal,
+)
 from scara_kinetostatic.touches.detection import Detection
 
 DELAY = 0.08
@@ -48,36 +60,34 @@ _STIFFER = 3.0
 """So many times as stiff as the model says a contact may be."""
 _LEAST_SPEED = 3e-4
 """Towards a contact, m/s."""
-_OFF_TRACK, _OFF_APPROACH = 0.02, 2e-3
-"""How far the joints may be off their way in travel and towards a contact, rad."""
-_LATE, _BEHIND = 0.15, 2e-4
-"""How far the robot may be behind, s and m together; farther, its way waits for it."""
-_STANDS, _MOVED = 0.25, 5e-5
-"""A robot that is behind and comes less far in such a time stands, s and m."""
-_FOLLOWS = 1 / 3
-"""A robot that for `_LATE` comes less than such a part of its way is behind, too, and gets no further message: at each
-one a controller whose time is scaled by 0 moves on.
-"""
-_ARRIVED = 1e-3
-"""The same at the end of a way, m."""
 _QUIET = 0.5
 """So long all must be well before it goes on after an interruption, s; that of a touch is then judged within twice."""
 _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
-_LIFT_SPEED = 0.05
-"""Of the lift, m/s."""
-_BACK = 0.02
-"""How far it goes back after a contact on the way, m."""
 _FAST = 0.02
 """Towards a contact, as far as none can be expected, m/s; a stop from it has to stay below the largest force."""
+_PRESS_SPEED = 2e-3
+"""Largest in a contact, m/s."""
+_BACK = 0.02
+"""How far it goes back after a contact on the way, m."""
+_PAST = 4e-3
+"""How far the track of an approach leads on behind the end of the search, m."""
 _CLEAR = 5e-4
 """How far from the surface it is before it retracts fast, m."""
 _WAIT = 0.12
 """Between a motion in contact and the measurement of the force, s: less than what would be a hold."""
+_FROM_GOAL, _SOON = 0.07, 0.03
+"""A force is reached within such a part of it; a step towards it ends within the other."""
+_STEPS = 40
+"""Towards a force."""
 _JUDGED = 6.0
 """Time within which a touch is judged, s."""
 _STEP = 5e-3
 """Distance of the points of a track, m; tenth of that towards a contact."""
+_PLACES = 60
+"""Of a track in contact."""
+_GENTLE = 0.2
+"""Of the wanted force: by so much it may grow in `DELAY` while it is pressed."""
 
 
 class _Slid(Fault):
@@ -113,9 +123,7 @@ class Runner:
         patience: how long it waits in a touch for what may pass by itself, s.
 
     Attributes:
-        senses: takes the samples.
-        streams: whether motions towards a contact and in it are streamed; else there are as few commands as safety
-            needs.
+        robot: is commanded.
         status: how it is.
         target: the touch that is being made; None between touches.
         end: why it ended, and the exit status; None while it runs.
@@ -134,28 +142,33 @@ class Runner:
         planner: Planner | None = None,
         patience: float = 0.0,
     ) -> None:
-        self.cell, self.senses, self.streams, self._patience = cell, Senses(cell), True, patience
+        self.cell, self.robot, self._patience = cell, Commander(cell, Senses(cell)), patience
         self.campaign = Campaign(cell, most, planner, work)
-        self._detect, self._commander = detect, Commander(cell)
+        self._detect = detect
         self.status = Status('idle', 'not started')
         self.target: Target | None = None
         self.end: End | None = None
-        self._now = -np.inf
-        self._command: Command | None = None
-        self._motion: Motion | None = None
-        self._contact, self._surface, self._steepest, self._last_force = False, 0.0, 0.0, ((0.0, 0.0), 0.0)
-        self._is_behind, self._near, self._seen, self._seen_at = False, 0.0, 0.0, -np.inf
+        self._surface = self._steepest = 0.0  # of the contact: its place on the track, m, and N/s
         self._waits_until, self._disturbed = np.inf, -np.inf
         self._script: Iterator[None] | None = None
         self._former: Runner | None = None
         self._paused = False
+
+    @property
+    def senses(self) -> Senses:
+        """Takes the samples."""
+        return self.robot.senses
+
+    @property
+    def _now(self) -> float:
+        return self.senses.now
 
     # From outside
 
     def take_over(self, former: Runner) -> None:
         """Begins by retracting the touch in which a former run has left the robot, where it still stands there."""
         if former.is_in_contact:
-            self.senses, self.target, self._former = former.senses, former.target, former._former or former
+            self.robot.senses, self.target, self._former = former.senses, former.target, former._former or former
 
     def start(self) -> None:
         """Begins, or goes on after a pause."""
@@ -170,7 +183,7 @@ class Runner:
     def obstacle(self) -> str:
         """Why the robot may not obey now; empty where nothing is known against it."""
         is_waiting = self.status.phase == 'waiting' or self._former is not None
-        return self.status.text if is_waiting else self.senses.problem(self._now)
+        return self.status.text if is_waiting else self.senses.problem()
 
     def stop(self, reason: str) -> None:
         """Retracts and holds, for good."""
@@ -192,7 +205,7 @@ class Runner:
     @property
     def is_in_contact(self) -> bool:
         """Whether the robot is towards a contact, in one or on its way back, or was left there at the end."""
-        return self._former is not None or (self._contact and self._motion is not None)
+        return self._former is not None or (self.robot.in_contact and self.robot.motion is not None)
 
     @property
     def is_over(self) -> bool:
@@ -205,9 +218,7 @@ class Runner:
         Args:
             now: s.
         """
-        elapsed, self._now = now - self._now, now
-        self.senses.excuse(now, elapsed)
-        return elapsed
+        return self.senses.note(now)
 
     def tick(self, now: float) -> Command | None:
         """Goes on; call it often, with every sample.
@@ -218,13 +229,11 @@ class Runner:
         Returns:
             What the robot is to do; None where that does not change.
         """
-        elapsed = self.note(now)
-        if self._motion is not None and not self._is_behind:  # also while nobody has ticked
-            self._motion.advance(elapsed)
-            self._commander.place = self._motion.place
+        robot = self.robot
+        robot.advance(self.note(now))  # also while nobody has ticked
+        robot.order = None
         if self._script is None:
             return None
-        self._command = None
         try:
             next(self._script)
         except StopIteration:
@@ -235,121 +244,39 @@ class Runner:
             else:  # while retracting: it stands
                 self._script = None
                 self._add(f'not retracted: {fault}')
-            return self._stand()
+            robot.stand()
         except (ScaraKinetostaticError, BrokenExecutor, OSError) as error:  # of the calibrating process, too
             self._give_up(Fault(str(error)))
-            return self._stand()
-        return self._command
+            robot.stand()
+        return robot.order
 
-    # Commands
-
-    def _halt(self, place: Floats) -> Command:
-        """To stop within 0.05 s where it is to be; from where it was seen it gets there no faster than in travel."""
-        speed = self.cell.touch.speed
-        way = Track.of(np.stack([self._seen_place(place), place]), self._parameters, max(speed / _LIFT_SPEED, 1.0))
-        return self._commander.command(place, (np.array([max(0.05, way.length / speed)]), place[None]), is_halt=True)
-
-    def _seen_place(self, place: Floats) -> Floats:
-        """Where the robot was seen last, (3,); the lift at a place where that is not known."""
-        return np.where(np.isnan(self.senses.place), place, self.senses.place)
-
-    def _halt_motion(self, motion: Motion) -> None:
-        """Stops a motion where it is; where the robot is late, there."""
-        if abs(self._near - motion.at) > 1.5 * _BEHIND and self.senses.knows_joints(self._now):
-            motion.at, motion.followed = self._near, None
-        if motion.sent != motion.at:
-            self._command, motion.sent = self._halt(motion.place), motion.at
-
-    def _stand(self) -> Command | None:
-        """Stops where the robot is; where that is not known, where it is to be."""
-        if (at := self._commander.place) is None:
-            return None
-        if self._motion is not None:
-            self._motion.sent = self._motion.at
-        return self._halt(self._seen_place(at) if self.senses.knows_joints(self._now) else at)
-
-    def _move(self, motion: Motion, goal: float, until: float | None = None, *, is_free: bool = False) -> None:
-        """Commands more of a motion where that is due and nothing is against it.
+    def _check(self, within: float | None = None) -> None:
+        """Check the sensors and the robot.
 
         Args:
-            motion: that goes on.
-            goal: to which length of its track.
-            until: where motions are not streamed: to where one command may lead, and `AHEAD_OF_CONTACT` farther; None:
-                to the goal.
-            is_free: whether all of it is far from a contact: it is one command.
-        """
-        is_deaf = self._contact and goal > motion.at and not self.senses.knows_force(self._now)  # busy or not
-        if self._is_behind or is_deaf:
-            return
-        if self.streams and not is_free:
-            end, ahead, reach = motion.even(motion.at, goal), AHEAD_OF_CONTACT, AHEAD_OF_CONTACT * motion.speed
-        else:
-            reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
-            end, ahead = goal if until is None else min(goal, max(motion.at, until) + reach), np.inf
-        due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
-        if due:
-            self._command = self._commander.command(motion.place, motion.points(end, ahead), is_free=is_free)
-
-    def _check(self, off_track: float) -> None:
-        """Check the sensors and the robot.
+            within: how far the robot may be off its way, see `Commander.on_way`.
 
         Raises:
             Fault: the robot must not go on.
         """
-        self.senses.check(self._now)
+        self.senses.check()
         force, most = self.senses.force, self.cell.touch.max_force
         if force > most:
             raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
-        (before, began), self._last_force = self._last_force, (self.senses.net_force, self.senses.stamp)
-        jump, within = dist(self.senses.net_force, before), max(self.senses.stamp - began, 0.01)
-        if self._contact and jump > self._steepest * within + 10 * self.senses.noise + 0.1 * most:
-            kind = _Slid if hypot(*self.senses.net_force) < hypot(*before) else Fault
+        before, jump, lasting = self.senses.jump()
+        if self.robot.in_contact and jump > self._steepest * lasting + self.senses.doubt + 0.1 * most:
+            kind = _Slid if force < hypot(*before) else Fault
             raise kind(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
-        self._check_place(off_track)
+        self.robot.check(within)
 
-    def _on_way(self, motion: Motion | None, off_track: float) -> float:
-        """Length of the track of a motion next to which the robot is, m; without one, 0, and it is where it stood.
-
-        Raises:
-            Fault: it is off its way.
-        """
-        stood, near, away = self._commander.place, 0.0, 0.0
-        if motion is not None:
-            near, away = motion.track.nearest(self.senses.place, motion.at)
-        elif stood is not None:
-            away = float(np.nanmax(np.abs(self.senses.place - stood)))
-        if away > off_track:
-            text = f'the robot is {1e3 * away:.1f} mrad off its way: it does not follow, or is moved by something else'
-            raise Fault(text, may_retract=False)
-        return near
-
-    def _check_place(self, off_track: float) -> None:
-        """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
-        motion, near = self._motion, self._on_way(self._motion, off_track)
-        if motion is None:
-            self._near, self._is_behind, self._seen, self._seen_at = near, False, near, self._now
-            return
-        behind, sent = abs(motion.at - near), motion.sent
-        is_at_end = motion.at in (0.0, motion.track.length)
-        late = _ARRIVED if is_at_end else _LATE * motion.speed * (sent != motion.at) + _BEHIND
-        at, seen, when = motion.followed or (motion.at, near, self._now)
-        way = np.sign(motion.at - at)
-        if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
-            at, seen, when = motion.at, near, self._now
-        motion.followed, is_late = (at, seen, when), self._now - when > _LATE
-        is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
-        self._near, self._is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(self._now, SILENT)
-        is_ahead = sent is not None and (near - motion.at) * (sent - motion.at) > 0
-        if is_ahead and self._is_behind and not is_stuck:
-            text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
-            raise Fault(text, may_retract=False)
-        if not self._is_behind or abs(near - self._seen) > _MOVED:
-            self._seen, self._seen_at = near, self._now
-        if self._now - self._seen_at > _STANDS:
-            slowest = int(np.nanargmax(np.abs(self.senses.place - motion.place)))
-            name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
-            text = f'the robot stands {1e3 * behind:.2f} mm behind, {name} most: it does not follow'
-            raise Fault(text, may_retract=False, passes=True)
+    def _pass(self, duration: float, *, is_ordered: bool = False) -> Iterator[None]:
+        """Lets time pass, s, while all is well; with the next tick on, where a command is to be sent in this one."""
+        began = self._now
+        if is_ordered:
+            yield
+        while self._now - began < duration:
+            self._check()
+            yield
 
     # The run
 
@@ -379,9 +306,9 @@ class Runner:
         while True:
             chosen: tuple[Target, Waypoints] | End | None = self.campaign.poll()
             if chosen is None and not self._paused:
-                chosen = self.campaign.choose(self._here()[:2], self.target)
+                chosen = self.campaign.choose(self.robot.here()[:2], self.target)
             if isinstance(chosen, End):  # the robot stands free; with a lift, the tip is raised
-                if self.cell.lift is not None and self._commander.place is not None:
+                if self.cell.lift is not None and self.robot.place is not None:
                     yield from self._raise(self.cell.lift.up)
                 self.end = chosen
                 self.status = Status('done', chosen.reason, chosen.status == 1, self._values())
@@ -392,7 +319,7 @@ class Runner:
                 else:
                     self.target, self._waits_until = None, np.inf
                     self._say('plan', 'calibrating and planning the next touches')
-                self._check(_OFF_TRACK)
+                self._check()
                 yield
                 continue
             self.target, way = chosen
@@ -404,12 +331,6 @@ class Runner:
             yield from self._judgement(self.target)
             self.target, self._waits_until = None, np.inf
 
-    def _here(self) -> Floats:
-        """Q, rad, and lift, m, where the robot is told to be, (3,); at first where it is."""
-        if self._commander.place is not None:
-            return self._commander.place
-        return self._seen_place(np.full(3, 0.0 if self.cell.lift is None else self.cell.lift.down))
-
     def _begin(self) -> Iterator[None]:
         """Waits for the sensors, checks all that can be checked before anything moves, and goes on.
 
@@ -417,9 +338,7 @@ class Runner:
             Fault: something is wrong.
         """
         cell, began, forgot = self.cell, self._now, self._now
-        while (
-            (problem := self.senses.problem(self._now)) or self.senses.is_excused(self._now) or self._now - began < 0.5
-        ):
+        while (problem := self.senses.problem()) or self.senses.is_excused() or self._now - began < 0.5:
             self._say('idle', problem or 'listening to the sensors')
             if self._now - forgot > 1.0:
                 self.senses.forget_delays()
@@ -427,51 +346,44 @@ class Runner:
             if self._now - began > 5.0:
                 raise Fault(problem or 'this machine does not keep up with the sensors', may_retract=False)
             yield
-        if not self.senses.stands(self._now):
+        if not self.senses.stands():
             raise Fault('the joints move: something else moves the robot', may_retract=False)
         if self._former is not None:
             yield from self._leave(self._former)
-        zero, most = self.senses.tare(self._now), _LARGEST_ZERO * cell.touch.force[0]
+        zero, most = self.senses.tare(), _LARGEST_ZERO * cell.touch.force[0]
         if zero > most:
             text = f'the sensor reads {zero:.1f} N, more than {most:g} N, where nothing must be touched'
             raise Fault(f'{text}: retract the tip, or set the zero of the sensor', may_retract=False)
         limits = np.array(cell.limits)
         if not ((self.senses.joints > limits[:, 0]) & (self.senses.joints < limits[:, 1])).all():
             raise Fault('the robot stands beyond robot.limits: move it', may_retract=False)
-        self._command = self._halt(self._here())  # a controller that refuses says so now
-        began = self._now
-        while self._now - began < 0.2:
-            yield
-            self._check(_OFF_TRACK)
+        self.robot.halt(self.robot.here())  # a controller that refuses says so now
+        yield from self._pass(0.2, is_ordered=True)
         if cell.lift is not None:
             yield from self._raise(cell.lift.up)
         yield from self._go_on()
 
     def _leave(self, former: Runner) -> Iterator[None]:
         """Retracts the touch in which a former run has left the robot, unless that was moved meanwhile."""
-        assert former._motion is not None
-        near, away = former._motion.track.nearest(self.senses.place, former._motion.at)
+        motion = former.robot.motion
+        assert motion is not None
+        near, away = motion.track.nearest(self.senses.place, motion.at)
         self._former = None
-        if away < _OFF_APPROACH:
-            self._motion, self._contact, self._surface = former._motion, True, former._surface
+        if away < OFF_APPROACH:
+            self.robot.motion, self.robot.in_contact, self._surface = motion, True, former._surface
             self._resume(near)
             self._say('retract', 'retracting the touch of the former run')
             yield from self._back()
-            began = self._now
-            while self._now - began < 2 * _QUIET:  # a touch that is found now is none of this run
-                self._detect()
-                self._check(_OFF_TRACK)
+            for _ in self._pass(2 * _QUIET):
+                self._detect()  # a touch that is found now is none of this run
                 yield
-            self._commander.place = None
+            self.robot.place = None
         self.target = None
 
     def _resume(self, near: float) -> None:
         """Takes the motion up where the robot stands, at a length of its track, m."""
-        if self._motion is not None:
-            self._motion.at, self._motion.sent = near, None
-            self._commander.place = self._motion.place
-        self._is_behind, self._seen_at = False, self._now
-        self._last_force = self.senses.net_force, self.senses.stamp
+        self.robot.resume(near)
+        self.senses.jump()
 
     def _raise(self, goal: float) -> Iterator[None]:
         """Moves the lift, and sees that it moves.
@@ -479,19 +391,19 @@ class Runner:
         Raises:
             Fault: it does not.
         """
-        lift, here = self.cell.lift, self._here()
+        lift, here = self.cell.lift, self.robot.here()
         assert lift is not None
-        if abs(here[2] - goal) < 1e-6 and self._arrived(goal):
+        if abs(here[2] - goal) < MICRO and self._arrived(goal):
             return
         track = Track.of(np.array([here, [*here[:2], goal]]), self._parameters)
-        yield from self._follow(track, min(_LIFT_SPEED, self.cell.touch.speed))
+        yield from self._follow(track, min(LIFT_SPEED, self.cell.touch.speed))
         began = self._now
         while not self._arrived(goal):
             if self._now - began > 1.0:
                 at = self.senses.lift
                 text = 'nowhere' if at is None else f'{at:.4f} m'
                 raise Fault(f'{lift.joint} (robot.lift) is at {text}, commanded {goal:g} m: it does not lift')
-            self._check(_OFF_TRACK)
+            self._check()
             yield
 
     def _arrived(self, goal: float) -> bool:
@@ -511,17 +423,17 @@ class Runner:
         Raises:
             Fault: a contact on the way, or what `_check` says.
         """
-        motion = self._motion = Motion(track, speed)
+        motion = self.robot.motion = Traversal(track, speed)
         limit = self._free_limit
         while motion.at < track.length:
-            self._check(_OFF_TRACK)
+            self._check()
             self._check_lift(track)
             if self.senses.force > limit:
                 raise Fault(f'a force of {self.senses.force:.1f} N on the way: a contact where none must be')
-            self._move(motion, track.length, is_free=True)
+            self.robot.move(track.length, is_free=True)
             yield
         yield from self._stopped()
-        self._motion = None
+        self.robot.motion = None
 
     def _check_lift(self, track: Track) -> None:
         """Check that the lift is up wherever the arm is under way, on a track that is raised.
@@ -531,15 +443,15 @@ class Runner:
         """
         at, lift = self.senses.lift, track.places[:, 2]
         up, away = lift[len(lift) // 2], np.abs(track.places[[0, -1], :2] - self.senses.joints).max(axis=1).min()
-        if np.ptp(lift) and at is not None and away > _OFF_APPROACH and abs(at - up) > 2 * HELD_WITHIN:
+        if np.ptp(lift) and at is not None and away > OFF_APPROACH and abs(at - up) > 2 * HELD_WITHIN:
             raise Fault(f'the lift is at {at:.4f} m, not at {up:g} m, while the arm moves', may_retract=False)
 
-    def _stopped(self) -> Iterator[None]:
+    def _stopped(self, within: float | None = None) -> Iterator[None]:
         """Waits until the joints stand where they were commanded to be."""
         began = self._now
-        while self._now - began < 0.1 or not self.senses.stands(self._now):
-            self._check(_OFF_TRACK)
-            if self._is_behind:
+        while self._now - began < 0.1 or not self.senses.stands():
+            self._check(within)
+            if self.robot.is_behind:
                 began = self._now
             if self._now - began > 2.0:
                 raise Fault('the joints do not come to rest', may_retract=False)
@@ -550,7 +462,7 @@ class Runner:
         planner, cell = self._planner, self.cell
         self._say('travel', f'next: {self.campaign.name(target)}, {target.reason}')
         self._tare('where nothing is touched', may_retract=False)
-        here = self._here()
+        here = self.robot.here()
         pieces = [here[None, :2]]
         for k, corner in enumerate(joint_angles(planner, way)):
             before = pieces[-1][-1]
@@ -567,7 +479,7 @@ class Runner:
         if cell.lift is not None:  # raised first, lowered last
             joints = np.concatenate([joints[:1], joints, joints[-1:]])
             lift = np.concatenate([lift[:1], np.full(len(lift), cell.lift.up), [cell.lift.down]])
-            weight = max(speed / _LIFT_SPEED, 1.0)
+            weight = max(speed / LIFT_SPEED, 1.0)
         yield from self._follow(Track.of(np.column_stack([joints, lift]), self._parameters, weight), speed)
 
     def _tare(self, where: str, *, may_retract: bool = True) -> None:
@@ -576,7 +488,7 @@ class Runner:
         Raises:
             Fault: it has changed by too much.
         """
-        if (zero := self.senses.tare(self._now)) > self._free_limit:
+        if (zero := self.senses.tare()) > self._free_limit:
             why = 'the sensor, or something touches the arm'
             raise Fault(f'the force {where} changed by {zero:.1f} N: {why}', may_retract=may_retract)
 
@@ -595,69 +507,79 @@ class Runner:
 
     def _touch(self, target: Target) -> Iterator[None]:
         """Approach, press, hold, retract."""
-        plan, touch, planner = target.plan, self.cell.touch, self._planner
-        goal = float(plan.force[0])
-        start, normal = planner.approach(plan).tip[0], plan.normal(self.cell)[0]
-        begin = planner.space.clearance + 1e-3 + touch.search
-        count = int((begin + 4e-3) / (0.1 * _STEP)) + 2
-        depths = np.linspace(0.0, begin + 4e-3, count)
-        tips = start - depths[:, None] * normal
-        joints = joint_angles(planner, Waypoints(tips, np.full(count, plan.posture[0])))
-        here = self._here()
-        joints[0] = here[:2]
-        track = Track.of(np.column_stack([joints, np.full(count, here[2])]), self._parameters)
-        compliance = self._compliance(target, joints[0])
+        plan, touch, robot = target.plan, self.cell.touch, self.robot
+        goal, name = float(plan.force[0]), self.campaign.name(target)
+        track, expected, deepest = self._approach(target)
+        compliance = self._compliance(target, track.places[0, :2])
         self._tare('in free motion')
-        self._say('approach', f'approaching {self.campaign.name(target)}')
+        self._say('approach', f'approaching {name}')
         threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
-        expected, deepest = (float(np.interp(depth, depths, track.at)) for depth in (begin - touch.search, begin))
-        fast, slow = float(np.clip(touch.max_force * compliance / DELAY, speed, _FAST)), expected - planner.doubt
-        self._contact, self._surface, self._steepest = True, 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
-        self._last_force = self.senses.net_force, self.senses.stamp
-        motion = self._motion = Motion(track, fast, ramps=False, slow=(slow, float(speed)))
-        until = slow if planner.now is None or np.isinf(planner.now) else expected
+        fast = float(np.clip(touch.max_force * compliance / DELAY, speed, _FAST))
+        slow, now = expected - self._planner.doubt, self._planner.now
+        self._surface, self._steepest = 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
+        self.senses.jump()
+        robot.in_contact = True
+        motion = robot.motion = Traversal(track, fast, ramps=False, slow=(slow, float(speed)))
         for _ in range(4):
             while self.senses.force < threshold:
-                self._check(_OFF_APPROACH)
+                self._check()
                 if motion.at >= deepest:
-                    name = self.campaign.name(target)
-                    raise Fault(f'no contact with {name} within touch.search, {1e3 * touch.search:g} mm, of its place')
-                self._move(motion, deepest, until)
+                    where = f'within touch.search, {touch.search / MILLI:g} mm, of its place'
+                    raise Fault(f'no contact with {name} {where}')
+                robot.move(deepest, slow if now is None or np.isinf(now) else expected)
                 yield
-            yield from self._pushed(motion, 0.0, 0.0)
-            if self.senses.force > 0.5 * threshold:
+            yield from self._pushed(0.0, 0.0)
+            if self.senses.force > threshold / 2:
                 break
-            yield from self._pushed(motion, 0.0, 0.0)  # an arm with play swings back from the surface: from free again
+            yield from self._pushed(0.0, 0.0)  # an arm with play swings back from the surface: from free again
         else:
-            raise Fault(f'the contact with {self.campaign.name(target)} is lost again and again')
+            raise Fault(f'the contact with {name} is lost again and again')
         surface = self._surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
-        motion.track, way = self._into(track, surface, target)
-        yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
+        track, way = self._into(track, surface, target)
+        yield from self._press(track, motion.at, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
-            track, way = self._out_of(motion.track, self._motion.at, target)
-            self._surface = track.nearest(motion.track.place(surface), surface)[0]
-            yield from self._release(track, goal, way)
+            before, at = track, self._motion.at
+            track, way = self._out_of(before, at, target)
+            self._surface = track.nearest(before.place(surface), surface)[0]
+            yield from self._press(track, track.length, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
-        began = self._now
-        while self._now - began < touch.hold + 0.1:
-            self._check(_OFF_APPROACH)
-            yield
+        yield from self._pass(touch.hold + 0.1)
         self._say('retract', 'retracting')
         yield from self._back()
+
+    @property
+    def _motion(self) -> Traversal:
+        """That is under way."""
+        assert self.robot.motion is not None
+        return self.robot.motion
+
+    def _approach(self, target: Target) -> tuple[Track, float, float]:
+        """The track of an approach; the lengths at which the contact is expected, and up to which it is sought, m."""
+        plan, planner, here = target.plan, self._planner, self.robot.here()
+        start, normal = planner.approach(plan).tip[0], plan.normal(self.cell)[0]
+        begin = planner.space.clearance + MILLI + self.cell.touch.search
+        depths = np.linspace(0.0, begin + _PAST, int((begin + _PAST) / (0.1 * _STEP)) + 2)
+        joints = joint_angles(
+            planner, Waypoints(start - depths[:, None] * normal, np.full(len(depths), plan.posture[0]))
+        )
+        joints[0] = here[:2]
+        track = Track.of(np.column_stack([joints, np.full(len(depths), here[2])]), self._parameters)
+        expected, deepest = np.interp([begin - self.cell.touch.search, begin], depths, track.at).tolist()
+        return track, expected, deepest
 
     def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:
         """The way of an approach, from the surface on of a press that drags the tip aside; length per force, m/N."""
         newtons = (track.length - surface) / self._compliance(target, track.place(surface)[:2])
-        pressed = self._pressed(track.place(surface), np.linspace(0.0, newtons, 60), -1.0, target)
+        pressed = self._pressed(track.place(surface), np.linspace(0.0, newtons, _PLACES), -1.0, target)
         whole = Track.of(np.concatenate([track.places[track.at < surface], pressed]), self._parameters)
         return whole, (whole.length - surface) / newtons
 
     def _out_of(self, track: Track, at: float, target: Target) -> tuple[Track, float]:
         """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N."""
         newtons = 1.5 * float((target.plan.preload * target.plan.force)[0])
-        pressed = self._pressed(track.place(at), np.linspace(newtons, 0.0, 60), 1.0, target)
+        pressed = self._pressed(track.place(at), np.linspace(newtons, 0.0, _PLACES), 1.0, target)
         whole = Track.of(np.concatenate([track.places[:1], pressed]), self._parameters)
         return whole, (whole.length - float(whole.at[1])) / newtons
 
@@ -667,53 +589,55 @@ class Runner:
         per_newton = press_aside(self._parameters, here[None, :2], normal, aside)
         return here + np.pad(newtons[:, None] * per_newton, ((0, 0), (0, 1)))
 
-    def _pushed(self, motion: Motion, step: float, until: float) -> Iterator[None]:
+    def _pushed(self, step: float, until: float) -> Iterator[None]:
         """Moves by a step towards the contact, or back, and waits; ends early where the force comes to a value."""
+        motion, sign = self._motion, np.sign(step)
         goal = float(np.clip(motion.at + step, 0.0, motion.track.length))
-        sign = np.sign(step)
         while motion.at != goal and sign * (self.senses.force - until) < 0:
-            self._check(_OFF_APPROACH)
-            self._move(motion, goal)
+            self._check()
+            self.robot.move(goal)
             yield
-        self._halt_motion(motion)
+        self.robot.halt_motion()
         began = self._now
         yield
-        while self._now - began < (2 if self._is_behind else 1) * _WAIT:
-            self._check(_OFF_APPROACH)
+        while self._now - began < (2 if self.robot.is_behind else 1) * _WAIT:
+            self._check()
             yield
 
-    def _press(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
-        """To a force, from below.
+    def _press(self, track: Track, at: float, goal: float, compliance: float) -> Iterator[None]:
+        """To a force: from below forwards on a track, from above backwards.
+
+        Args:
+            track: the way.
+            at: where on it the robot is, m.
+            goal: the force, N.
+            compliance: length per force, m/N.
 
         Raises:
             Fault: the force does not grow.
         """
-        track, speed = motion.track, float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
-        motion = self._motion = Motion(track, speed, motion.at, ramps=False)
-        self._steepest = _STIFFER * speed / compliance  # of the approach nothing is left
+        speed = float(np.clip(_GENTLE * goal * compliance / DELAY, _LEAST_SPEED / 2, _PRESS_SPEED))
+        motion = self.robot.motion = Traversal(track, speed, at, ramps=False)
+        is_eased, sense = at == track.length, -1.0 if at == track.length else 1.0
+        if not is_eased:
+            self._steepest = _STIFFER * speed / compliance  # of the approach nothing is left
         softer = 1.0
-        for _ in range(40):
-            force = self.senses.mean_force(self._now, 0.05)
-            if force > 0.93 * goal:
+        for _ in range(_STEPS // 2 if is_eased else _STEPS):
+            force = self.senses.mean_force()
+            missing = sense * (goal - force)
+            if missing < _FROM_GOAL * goal:
                 return
             before = motion.at
-            yield from self._pushed(motion, 0.9 * (goal - force) * softer * compliance, 0.97 * goal)
-            gained = self.senses.mean_force(self._now, 0.05) - force
+            yield from self._pushed(sense * 0.9 * missing * softer * compliance, (1 - sense * _SOON) * goal)
+            if is_eased:
+                continue
+            gained = self.senses.mean_force() - force
             seen = (motion.at - before) / max(gained, 1e-3) / compliance
-            softer = float(np.clip(seen, max(0.2, softer / 2), softer * 2))
+            softer = float(np.clip(seen, max(_GENTLE, softer / 2), softer * 2))
             if motion.at >= track.length:
                 raise Fault(f'the force stays at {force:.1f} N, wanted {goal:.0f} N: the object gives way, or slides')
-        raise Fault(f'the force does not come to {goal:.0f} N')
-
-    def _release(self, track: Track, goal: float, compliance: float) -> Iterator[None]:
-        """Down to a force, from above, backwards on a track."""
-        speed = float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
-        motion = self._motion = Motion(track, speed, track.length, ramps=False)
-        for _ in range(20):
-            force = self.senses.mean_force(self._now, 0.05)
-            if force < 1.07 * goal:
-                return
-            yield from self._pushed(motion, -0.9 * (force - goal) * compliance, 1.03 * goal)
+        if not is_eased:
+            raise Fault(f'the force does not come to {goal:.0f} N')
 
     def _slid(self, slide: Fault) -> Iterator[None]:
         """Stands, and retracts where the tip still presses.
@@ -721,12 +645,9 @@ class Runner:
         Raises:
             Fault: it does not, or the sensor has died: another approach would not feel the object.
         """
-        self._command, began = self._stand(), self._now
-        yield
-        while self._now - began < _WAIT:
-            self._check(_OFF_APPROACH)
-            yield
-        if self.senses.mean_force(self._now, 0.05) < self._free_limit:
+        self.robot.stand()
+        yield from self._pass(_WAIT, is_ordered=True)
+        if self.senses.mean_force() < self._free_limit:
             raise Fault(f'{slide}; none is left')
         self._say('retract', f'retracting: {slide}')
         yield from self._back()
@@ -737,26 +658,26 @@ class Runner:
         Raises:
             Fault: a force remains.
         """
-        assert self._motion is not None and self.target is not None
-        self._steepest = _STIFFER * self.cell.touch.contact_speed / self._compliance(self.target, self._here()[:2])
-        clear, track = max(self._surface - _CLEAR, 0.0), self._motion.track
-        motion = Motion(track, self._travel_speed(), self._motion.at, slow=(clear, self.cell.touch.contact_speed))
-        self._motion = motion
-        for goal in (clear, 0.0) if self.streams else (0.0,):
-            while motion.at > goal or self._near - _BEHIND > clear > 0:  # the robot, too, has to leave the contact
-                self._check(_OFF_TRACK)
-                self._move(motion, goal, is_free=self.streams and goal < clear)
+        assert self.target is not None
+        before, robot, slow = self._motion, self.robot, self.cell.touch.contact_speed
+        self._steepest = _STIFFER * slow / self._compliance(self.target, robot.here()[:2])
+        clear = max(self._surface - _CLEAR, 0.0)
+        motion = robot.motion = Traversal(before.track, self._travel_speed(), before.at, slow=(clear, slow))
+        for goal in (clear, 0.0) if robot.streams else (0.0,):
+            while motion.at > goal or robot.near - BEHIND > clear > 0:  # the robot, too, has to leave the contact
+                self._check(OFF_TRACK)
+                robot.move(goal, is_free=robot.streams and goal < clear)
                 yield
-        yield from self._stopped()
+        yield from self._stopped(OFF_TRACK)
         if self.senses.force > 2 * self._free_limit:
             raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
-        self._contact, self._motion = False, None
+        robot.in_contact, robot.motion = False, None
 
     def _judgement(self, target: Target) -> Iterator[None]:
         """Waits for the judgement of the touch, and acts on it."""
         self._say('judge', 'waiting for the judgement of the touch')
-        began, asked = self._now, -np.inf
-        while True:
+        asked, failure = -np.inf, 'the touch was not found in the streams'
+        for _ in self._pass(_JUDGED):
             if self._now - asked > 0.1:
                 asked = self._now
                 found = self._detect()
@@ -766,10 +687,6 @@ class Runner:
                 if found.found:
                     failure = found.rejected[-1].reason
                     break
-            if self._now - began > _JUDGED:
-                failure = 'the touch was not found in the streams'
-                break
-            self._check(_OFF_TRACK)
             yield
         name, what = self.campaign.name(target), self.campaign.reject(target)
         self._say('judge', f'{name}: {failure}; {what}')
@@ -796,7 +713,8 @@ class Runner:
         Raises:
             Fault: it does not pass, or the robot has been moved.
         """
-        self._command, self._disturbed, asked, near = self._stand(), self._now, -np.inf, 0.0
+        self.robot.stand()
+        self._disturbed, asked, near = self._now, -np.inf, 0.0
         text = f'{reason}; waiting for {self._waits_until - self._now:.0f} s at most'
         self.status = Status('waiting', text, values=self._values())
         yield
@@ -806,24 +724,24 @@ class Runner:
             if self.senses.force > self.cell.touch.max_force:
                 text = f'{reason}; a force of {self.senses.force:.1f} N while it waits'
                 raise Fault(text, may_retract=may_retract)
-            if self.senses.problem(self._now) or self.senses.is_excused(self._now) or not self.senses.stands(self._now):
+            if self.senses.problem() or self.senses.is_excused() or not self.senses.stands():
                 self._disturbed = self._now
-            elif asked <= self._disturbed < self._now - 0.5 * _QUIET and self.senses.knows_joints(self._now):
-                near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
-                self._command, asked = self._stand(), self._now  # a controller that still refuses says so
+            elif asked <= self._disturbed < self._now - 0.5 * _QUIET and self.senses.knows_joints():
+                near, asked = self.robot.on_way(), self._now
+                self.robot.stand()  # a controller that still refuses says so
             yield
-        if not self._contact and self.senses.force > self._free_limit:
+        if not self.robot.in_contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
         self._resume(near)
-        if self._contact:
+        if self.robot.in_contact:
             self._say('retract', f'going on after: {reason}')
             yield from self._back()
-        self._motion = None
+        self.robot.motion = None
         self._say('judge', f'going on after: {reason}')
         began = self._now
         while self.target is not None and self._now - began < 2 * _QUIET:  # a touch that is good counts all the same
-            self._check(_OFF_TRACK)
+            self._check()
             if len((found := self._detect()).touches):
                 self.campaign.accept(found)
                 self.target, self._waits_until = None, np.inf
@@ -839,28 +757,28 @@ class Runner:
 
     def _retract(self, *, may_retract: bool) -> Iterator[None]:
         """Stands, then goes back along the way it came: to the beginning of an approach, else a little."""
-        self._command, motion, began = self._stand(), self._motion, self._now
+        robot, began = self.robot, self._now
+        robot.stand()
         yield
-        if motion is None or not may_retract:
+        if robot.motion is None or not may_retract:
             return
-        while self._now - began < 1.0 and not self.senses.knows_joints(self._now, SILENT):  # a moment's silence passes
+        while self._now - began < 1.0 and not self.senses.knows_joints(SILENT):  # a moment's silence passes
             yield
-        off_track = _OFF_APPROACH if self._contact else _OFF_TRACK
-        at = min(motion.at, self._on_way(motion, off_track))
-        motion = self._motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
-        self._is_behind, self._seen_at = False, self._now
-        goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
+        at = min(robot.motion.at, robot.on_way())
+        motion = robot.motion = Traversal(robot.motion.track, self.cell.touch.contact_speed, at, ramps=False)
+        robot.wait_no_more()
+        goal = 0.0 if robot.in_contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now
         while motion.at > goal:
-            if not self.senses.knows_joints(self._now, SILENT):
+            if not self.senses.knows_joints(SILENT):
                 raise Fault('no joint states while retracting', may_retract=False)
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)
-            self._check_place(off_track)
-            self._move(motion, goal)
+            robot.check()
+            robot.move(goal)
             yield
-        self._motion, self._contact = None, False
-        if self.senses.force > self._free_limit and not self.senses.problem(self._now):
+        robot.motion, robot.in_contact = None, False
+        if self.senses.force > self._free_limit and not self.senses.problem():
             self._add(f'{self.senses.force:.1f} N remain after retracting: a force in free motion')
 
     def _add(self, text: str) -> None:
@@ -871,4 +789,4 @@ class Runner:
     @property
     def _free_limit(self) -> float:
         """Largest force in free motion, N."""
-        return max(0.25 * self.cell.touch.force[0], 10 * self.senses.noise)
+        return max(self.cell.touch.force[0] / 4, self.senses.doubt)

@@ -24,6 +24,7 @@ from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -213,15 +214,15 @@ def test_simulated_time_begins_with_the_clock_and_every_message_of_a_fast_stream
     assert collector._examine().level == WARN  # it waits, nothing has failed
     clock = b.robot.create_publisher(ClockMessage, '/clock', 1)
 
-    message = ClockMessage(clock=conversion.stamp_of(1000 * conversion.NANOSECONDS))
+    message = ClockMessage(clock=conversion.stamp_of(1000 * SECOND))
     b.wait(lambda: collector._session is not None, lambda: clock.publish(message))
     publish(b, 1000)
     b.wait(lambda: all(monitor.count == 1000 for monitor in collector._streams.monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
     with Reader(bag) as reader:
-        assert reader.start_time == 1000 * conversion.NANOSECONDS
-        assert reader.duration < conversion.NANOSECONDS
+        assert reader.start_time == 1000 * SECOND
+        assert reader.duration < SECOND
     streams = read_streams(bag, PAPER_CELL)
     assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
 

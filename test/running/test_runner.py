@@ -27,7 +27,7 @@ from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Space, Waypoints
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.running.campaign import Campaign, End, Knowledge, calibrated, clear_start
-from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Fault, Track
+from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Fault, Senses, Track
 from scara_kinetostatic.running.runner import Runner
 from scara_kinetostatic.simulation.commanded import (
     COMMANDED_SENSORS,
@@ -285,7 +285,7 @@ def test_the_robot_stands_when_the_runner_dies(phase):
     one.plant.step(one.time + 0.3)
     if phase == 'travel':  # one command is the whole way, through free space
         one.plant.step(one.time + 20.0)
-        assert one.plant.body.joints == pytest.approx(one.runner._motion.track.places[-1, :2], abs=1e-4)
+        assert one.plant.body.joints == pytest.approx(one.runner.robot.motion.track.places[-1, :2], abs=1e-4)
     before = one.plant.step(one.plant.time + 1e-4).joints
     after = one.plant.step(one.plant.time + 2.0).joints
     assert np.abs(np.subtract(after, before)).max() < 1e-4
@@ -519,7 +519,7 @@ def test_travel_is_one_smooth_command_and_a_contact_is_streamed():
 def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_a_contact(is_known):
     known = Planner(replace(nominal_arm(CELL), model=ExtendedModel(TRUTH)), now=1e-4) if is_known else None
     one = rehearsal(replace(CELL, tolerance=None), most=2, planner=known)
-    one.runner.streams = False
+    one.runner.robot.streams = False
     counts, commands = [0], 0
     while not one.runner.is_over:
         command = one.step()
@@ -527,7 +527,7 @@ def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_
         if one.runner.campaign.accepted == len(counts):
             counts.append(commands)
         if command is not None and one.runner.status.phase == 'approach' and not is_known:
-            motion = one.runner._motion
+            motion = one.runner.robot.motion
             assert motion.sent <= max(motion.at, motion._slow[0]) + AHEAD_OF_CONTACT * motion.speed + 1e-9
     assert 'max_touches' in one.runner.end.reason
     assert not is_known or np.median(np.diff(counts)) <= 6
@@ -551,7 +551,7 @@ NO_JOINTS = 'fault', Malfunction.SILENT_JOINTS, Malfunction.NONE, '/joint_states
 )
 def test_what_passes_by_itself_is_waited_for(how, phase, streams):
     (what, wrong, well, says), one = how, rehearsal(patience=10.0)
-    one.runner.streams = streams
+    one.runner.robot.streams = streams
     until_phase(one, phase)
     target, accepted = one.runner.target, one.runner.campaign.accepted
     setattr(one.plant, what, wrong)
@@ -578,7 +578,7 @@ def test_from_every_place_of_a_way_another_one_leads_on(cell):
     one, found, changes = rehearsal(cell), list[tuple[Track, Any]](), False
     while not changes:  # of the elbow
         one.step()
-        track = None if one.runner._motion is None else one.runner._motion.track
+        track = None if one.runner.robot.motion is None else one.runner.robot.motion.track
         if one.runner.status.phase == 'travel' and track is not None and all(each is not track for each, _ in found):
             found.append((track, one.runner.target))
             changes = bool(np.ptp(np.sign(track.places[:, 1])))
@@ -667,7 +667,7 @@ def test_a_run_that_hears_no_joints_does_not_go_back_to_where_the_former_one_end
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
 def test_a_coarse_encoder_is_no_robot_that_stands(streams):
     one = rehearsal(most=1, resolution=7.7e-4)  # of 13 bits
-    one.runner.streams = streams
+    one.runner.robot.streams = streams
     one.run(longest=200.0)
     assert 'max_touches' in one.runner.end.reason
     assert one.runner.campaign.accepted == 1
@@ -686,10 +686,10 @@ def test_a_robot_that_runs_ahead_is_stopped():
 def test_a_robot_that_went_on_while_nobody_listened_is_followed():
     one = rehearsal(replace(CELL, lift=LIFT))
     until_phase(one, 'travel')
-    at = one.runner._motion.at
+    at = one.runner.robot.motion.at
     one.time = one.plant.step(one.time + 0.4).time  # as where this machine is busy
     one.run(longest=0.05)
-    assert one.runner._motion.at > at + 0.3 * one.runner._motion.speed
+    assert one.runner.robot.motion.at > at + 0.3 * one.runner.robot.motion.speed
     one.run(lambda at: at.runner.status.phase == 'approach', 20.0)
     assert one.runner.end is None
 
@@ -718,8 +718,8 @@ def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind():
     one.plant.scaling, sent = 0.0, list[float]()
     while one.runner.status.phase != 'waiting':
         if one.step() is not None:
-            sent.append(one.runner._motion.at - one.runner._near)
-    motion = one.runner._motion
+            sent.append(one.runner.robot.motion.at - one.runner.robot.near)
+    motion = one.runner.robot.motion
     assert max(sent[:-1]) < 0.15 * motion.speed + 3e-4
     assert 'does not follow' in one.runner.status.text
 
@@ -765,7 +765,7 @@ def test_a_way_begins_when_it_is_sent_though_planning_has_taken_long():
     one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
     while one.step() is None or one.runner.status.phase != 'travel' or one.time < 3.0:
         pass
-    motion = one.runner._motion
+    motion = one.runner.robot.motion
     one.runner.note(one.time + 2.4)  # sent so late
     halt = one.runner.tick(one.time + 2.41)
     one.runner.tick(one.time + 2.412)
@@ -821,7 +821,7 @@ def test_a_controller_that_refuses_is_asked_again_while_it_waits():
 @pytest.mark.parametrize(('streams', 'scaling'), [(True, 0.2), (False, 0.2), (True, 0.0)])
 def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_contact(streams, scaling):
     one = rehearsal(patience=10.0)
-    one.runner.streams = streams
+    one.runner.robot.streams = streams
     until_phase(one, 'hold')
     one.plant.scaling, began = scaling, one.time
     while one.runner.status.phase in ('hold', 'retract'):
@@ -853,7 +853,7 @@ def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase, by):
         one.runner.pause()
         until_phase(one, 'paused')
     move_while_it_waits(one, by, Malfunction.SILENT_JOINTS if phase == 'paused' else Malfunction.SILENT_WRENCH)
-    assert (one.runner._motion is None) == (phase != 'travel')
+    assert (one.runner.robot.motion is None) == (phase != 'travel')
     vars(one.runner.campaign).pop('choose', None)
     one.plant.fault = Malfunction.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
@@ -884,7 +884,7 @@ def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anythi
 
 
 def test_a_halt_is_never_refused():
-    commander = Commander(CELL)
+    commander = Commander(CELL, Senses(CELL))
     beyond = np.append(np.array(CELL.limits)[:, 1] + 1e-5, 0.0)
     points = np.array([0.05]), beyond[None]
     with pytest.raises(Fault, match='beyond the limits'):
@@ -896,7 +896,7 @@ def test_a_halt_is_never_refused():
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
 def test_a_controller_that_scales_the_time_is_late_which_is_no_fault(streams):
     one = rehearsal(replace(CELL, tolerance=None, lift=LIFT), most=1, rate=250.0)
-    one.runner.streams, one.plant.scaling = streams, 0.3
+    one.runner.robot.streams, one.plant.scaling = streams, 0.3
     one.run()
     assert 'max_touches' in one.runner.end.reason
     assert (one.runner.campaign.accepted, one.runner.campaign.failed) == (1, 0)
@@ -920,7 +920,7 @@ def test_a_retract_ends_half_a_millimetre_beside_its_place():
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
     one.plant.fault = Malfunction.NONE
     one.run(lambda at: at.runner.status.phase == 'retract', 3.0)
-    track, command = one.runner._motion.track, one.plant.command
+    track, command = one.runner.robot.motion.track, one.plant.command
     beside = np.subtract(*track.place(np.array([5e-4, 0.0])))[:2]
     one.plant.command = lambda names, times, places, *more: command(names, times, (places + beside).tolist(), *more)
     one.run(lambda at: at.runner.status.phase != 'retract', 10.0)
@@ -931,7 +931,7 @@ def test_a_robot_that_is_driven_beyond_its_way_is_stopped():
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel', 0.0)
     until_phase(one, 'approach', 0.03)  # far from the contact
-    motion, command = one.runner._motion, one.plant.command
+    motion, command = one.runner.robot.motion, one.plant.command
     lengths = np.linspace(motion.at, motion.track.length, 50)[1:]
     command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[:, :2].tolist())
     one.plant.command = lambda *_: None

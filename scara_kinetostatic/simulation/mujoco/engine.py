@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from cmath import rect
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from markupsafe import Markup
 from scara_kinetostatic.errors import CellError, InputError, ParameterError
 from scara_kinetostatic.files.robot_cell import GRAVITY
 from scara_kinetostatic.files.urdf import render
+from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
@@ -90,6 +91,12 @@ class Scene:
         if self.padded and min(self.pad) <= 0:
             raise ParameterError(f'{where}: pad', f'expected a stiffness and a depth above 0, got {self.pad}')
 
+    @classmethod
+    def of(cls, name: str, given: Mapping[str, Any]) -> Scene:
+        """A scene by those of its fields that are not 0, pairs as lists."""
+        stated: dict[str, Any] = {key: tuple(one) if isinstance(one, list) else one for key, one in given.items()}
+        return cls(name, **stated)
+
     def displaced_disc(self, cell: Cell) -> int | None:
         """Number of the displaced disc; None if there is none."""
         return self.displaced % len(cell.discs) if any(self.displacement) else None
@@ -109,25 +116,9 @@ class Scene:
         return (c1.real, c1.imag), (c2.real, c2.imag)
 
 
-SCENES = {
-    scene.name: scene
-    for scene in (
-        Scene('plain'),
-        Scene('contact_friction', contact_friction=0.15),
-        Scene('joint_friction', bearing_friction=(0.0, 5.0)),
-        Scene('winding_friction', winding_friction=(6.0, 6.0), quasi_static=True),
-        Scene('joint_slip', slip_compliance=(0.0, 2e-5), slip_torque=(0.0, 4.0), quasi_static=True),
-        Scene('joint_slip_fast', slip_compliance=(0.0, 2e-5), slip_torque=(0.0, 4.0)),
-        Scene('displaced_disc', displaced=1, displacement=(1.2e-4, -0.9e-4)),
-        Scene('base_on_springs', base_compliance=(6e-6, 1e-6)),
-        Scene('link_flex', link_compliance=1.5e-4),
-        Scene('soft_contact', padded=(0, 1, 2), pad=(7e3, 6e-3)),
-        Scene('soft_disc', padded=(1,), pad=(2e5, 2e-4)),
-        Scene('tilted_base', tilt=(0.08, -0.06), masses=(15.0, 10.0)),
-        Scene('cable', cable=5.0),
-        Scene('two', contact_friction=0.15, base_compliance=(6e-6, 1e-6)),
-    )
-}
+_FILE = Path(__file__).with_name('scenes.yaml')
+_GIVEN: dict[str, dict[str, Any]] = parse_yaml(read_text(_FILE, ParameterError), _FILE, ParameterError)
+SCENES = {name: Scene.of(name, given) for name, given in _GIVEN.items()}
 """The scenes by name."""
 
 
