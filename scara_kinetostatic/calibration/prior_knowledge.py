@@ -14,7 +14,6 @@ What the touches determine stays; where they show nothing, C_gg = P, the standar
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,7 +56,7 @@ def assumed_places(c: Calibration) -> Assumed | None:
         return None
     size = _assumed_size(c)
     more = _more(c, TIMES * size) - _more(c, size)  # which it has (`by_assumed_places`)
-    larger = replace(c, contributions=(*c.contributions, Contribution(ASSUMED_PLACES, None, '', more)))
+    larger = c.changed(added=(*c.added, Contribution(ASSUMED_PLACES, None, '', more)))
     return Assumed(size, tip_uncertainty(larger).worst)
 
 

@@ -81,8 +81,12 @@ class Alternative(NamedTuple):
     covariance: Floats
 
 
-_PROJECTED = frozenset({'cell', 'touches', 'model', 'noise', 'errors', 'random', 'random_values'})
-"""Fields on which the projection of the touches depends."""
+_OF_TOUCHES = frozenset({'cell', 'touches', 'model', 'noise', 'errors', 'random', 'random_values'})
+_OF_COVARIANCE = frozenset(
+    {'cell', 'model', 'random', 'known', 'covariance_with_errors', 'chi_square', 'degrees_of_freedom'}
+)
+_FOLLOWS_FROM = {'projection': _OF_TOUCHES, '_by_fit': _OF_COVARIANCE}
+"""The fields on which what takes long to work out depends."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +110,7 @@ class Calibration:
         known: what is known beforehand of the values of effects; None for nothing.
         alternatives: the sets of effects of which it is the mean; empty where it is no mean.
         place_stds: standard deviations of places of effects on their grids, by name, larger than those by `covariance`.
-        contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
+        added: what is in `covariance` besides what follows from the fit.
         touches: all touches that were not left out, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
@@ -137,7 +141,6 @@ class Calibration:
     model: ExtendedModel
     covariance_with_errors: Floats
     errors: Floats
-    contributions: tuple[Contribution, ...]
     touches: TouchSet
     used: Mask
     rejected: tuple[Rejection, ...]
@@ -154,18 +157,21 @@ class Calibration:
     known: Prior | None = None
     alternatives: tuple[Alternative, ...] = ()
     place_stds: Mapping[str, float] = field(default_factory=dict)
+    added: tuple[Contribution, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ('covariance_with_errors', 'random_values', 'errors', 'used', 'standardized'):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def changed(self, point: Point | None = None, **changes: Any) -> Calibration:
-        """The calibration with other values of some fields; its `projection` where they do not alter that, or this."""
-        other = replace(self, **changes)
-        if point is None and not changes.keys() & _PROJECTED:
-            point = vars(self).get('projection')
-        if point is not None:
-            vars(other)['projection'] = point
+        """The calibration with other values of some fields.
+
+        What has been worked out is kept where these do not alter it; the projection is `point`, where that is given.
+        """
+        other, known = replace(self, **changes), vars(self) if point is None else {**vars(self), 'projection': point}
+        for name, fields in _FOLLOWS_FROM.items():
+            if name in known and (not changes.keys() & fields or (name == 'projection' and point is not None)):
+                vars(other)[name] = known[name]
         return other
 
     def __repr__(self) -> str:
@@ -190,6 +196,29 @@ class Calibration:
     def parameters(self) -> Parameters:
         """L̄."""
         return self.model.parameters
+
+    @cached_property
+    def _by_fit(self) -> tuple[Contribution, ...]:
+        """What noise and each source contribute to the covariance by the fit.
+
+        With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true
+        errors e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest.
+        """
+        (kept, scale), parts, prior = of_full_model(self), list[Contribution](), self.observe().prior
+        if prior is not None:
+            moved = scale[:, None] * (self.covariance_with_errors[kept] @ prior.rows(len(self.model.names)).T)
+            for source, where in prior.by_source():
+                part = moved[:, where] @ moved[:, where].T / self.enlargement
+                std = source.std if np.isfinite(source.std) and not source.label.startswith('size[') else None
+                parts.append(Contribution(source.label, std, source.unit if std else '', part))
+        total = scale[:, None] * self.covariance_with_errors[np.ix_(kept, kept)] * scale
+        noise = total - np.sum([part.covariance for part in parts], axis=0) if parts else total
+        return (Contribution('noise', None, '', noise), *parts)
+
+    @property
+    def contributions(self) -> tuple[Contribution, ...]:
+        """What each source contributes to `covariance`, type A and type B; they add up to it."""
+        return (*self._by_fit, *self.added)
 
     @cached_property
     def covariance(self) -> Floats:
@@ -396,9 +425,8 @@ def build_result(
     freedoms = 2 * int(used.sum()) - found.subspace.basis.shape[1]
     if prior is not None:
         freedoms += int(prior.active.sum()) - prior.prior.errors
-    enlarged, every = enlargement_of(chi_square, freedoms), np.arange(len(model.names))
-    everything = enlarged * everything
-    covariance = everything[: len(every), : len(every)]
+    everything = enlargement_of(chi_square, freedoms) * everything
+    covariance = everything[: len(model.names), : len(model.names)]
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     held, values = model.held.union(model.aliases, fixed), model.as_array()
@@ -419,7 +447,6 @@ def build_result(
         model=model,
         covariance_with_errors=everything,
         errors=fit.point.errors,
-        contributions=contributions_of(observations.prior, everything, every, np.ones(len(every)), enlarged),
         touches=touches,
         used=used,
         rejected=_rejections(touches, found, left_out),
@@ -466,33 +493,6 @@ class Contribution(NamedTuple):
     declared: float | None
     unit: str
     covariance: Floats
-
-
-def contributions_of(
-    prior: Prior | None, covariance: Floats, kept: Indices, scale: Floats, enlarged: float
-) -> tuple[Contribution, ...]:
-    """What noise and each source contribute to the covariance of some values.
-
-    With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
-    e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest.
-
-    Args:
-        prior: what is known beforehand; None for nothing.
-        covariance: of all values of the model, the declared errors and the random effects.
-        kept: positions of the values asked for, (v,).
-        scale: their units, (v,).
-        enlarged: by what the covariance was enlarged (`enlargement_of`).
-    """
-    parts = []
-    if prior is not None:
-        moved = scale[:, None] * (covariance[kept] @ prior.rows(len(covariance) - prior.errors).T)
-        for source, where in prior.by_source():
-            part = moved[:, where]
-            std = source.std if np.isfinite(source.std) and not source.label.startswith('size[') else None
-            parts.append(Contribution(source.label, std, source.unit if std else '', part @ part.T / enlarged))
-    total = scale[:, None] * covariance[np.ix_(kept, kept)] * scale
-    noise = total - np.sum([part.covariance for part in parts], axis=0) if parts else total
-    return (Contribution('noise', None, '', noise), *parts)
 
 
 def enlargement_of(chi_square: float, freedoms: int) -> float:

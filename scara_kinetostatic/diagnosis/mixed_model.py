@@ -50,7 +50,6 @@ from scara_kinetostatic.calibration.result import (
     Alternative,
     Calibration,
     Contribution,
-    contributions_of,
     enlargement_of,
     of_full_model,
     outlier_rejections,
@@ -493,12 +492,10 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged
     c = _resized(moved, _of_random(moved, solved.tau))
     point, freedoms = c.projection, len(solved.inner.residual) - solved.rank
     c = c.changed(known=_known(c, solved))
-    enlarged = enlargement_of(solved.chi_square, freedoms)
-    everything = enlarged * solved.covariance
+    everything = enlargement_of(solved.chi_square, freedoms) * solved.covariance
     distance = _distances(c, solved, point.whitened.residual)
     c = c.changed(
         covariance_with_errors=everything,
-        contributions=contributions_of(c.observe().prior, everything, *of_full_model(c), enlarged),
         chi_square=solved.chi_square,
         degrees_of_freedom=freedoms,
         prior_cost=float(
@@ -612,7 +609,7 @@ def _positive(more: Floats, scale: Floats) -> Floats:
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
     """A calibration with more covariance of all values of `full_model`."""
-    return c.changed(contributions=(*c.contributions, Contribution(label, None, '', more)))
+    return c.changed(added=(*c.added, Contribution(label, None, '', more)))
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:

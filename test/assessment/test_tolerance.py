@@ -102,7 +102,7 @@ def test_beyond_between_the_touches_is_unfit(outcome: Outcome) -> None:
 def test_where_credible_models_dominate_they_are_to_be_told_apart(outcome: Outcome) -> None:
     c = outcome.final
     scatter = Contribution(RIVALS, None, '', 10 * c.covariance)
-    wide = replace(c, contributions=(*c.contributions, scatter))
+    wide = c.changed(added=(*c.added, scatter))
     found = with_tolerance(replace(outcome, calibration=wide), outcome.tip_uncertainty.worst)
     assert found.assessment.actions[0].startswith('tell the possible causes apart')
 
