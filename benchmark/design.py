@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.common import CELL, EXACT, NOISE, parser, print_and_save
-from benchmark.population import SIZES, errors_of
+from benchmark.population import errors_of, sizes_of
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.interface import diagnose
@@ -109,12 +109,12 @@ def stated(number: int) -> dict[str, object]:
     """What calibrations of robots with small errors state of the tip, by what the design expects."""
     cell = replace(PAPER_CELL, discs=PAPER_DISCS, noise=NOISE)
     designed = optimal_design(RobotModel.of(cell), Requirements(accuracy=1e-5))
-    sizes = {effect: SIZES.get(effect.label, SIZES.get(effect.name)) for effect in catalogue(cell)}
-    known, ratios, verdicts = [effect for effect, size in sizes.items() if size is not None], [], Counter[str]()
+    known, ratios, verdicts = catalogue(cell), [], Counter[str]()
+    sizes = sizes_of(known)
     for seed in range(4000, 4000 + number):
         random = np.random.default_rng(seed)
-        values = tuple(errors_of(effect, np.array(sizes[effect]), random) for effect in known)
-        robot = ExtendedModel(PAPER_ACTUAL, tuple(known), values)
+        values = tuple(errors_of(effect, np.array(sizes[effect.label]), random) for effect in known)
+        robot = ExtendedModel(PAPER_ACTUAL, known, values)
         outcome = diagnose(simulate_touches(cell, robot, designed.plan, seed=seed), cell)
         ratios.append(outcome.tip_uncertainty.worst / designed.statement.expanded)
         verdicts[outcome.diagnosis.verdict] += 1

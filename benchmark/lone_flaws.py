@@ -30,7 +30,6 @@ from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.interface import diagnose as assessed
 from scara_kinetostatic.model.cell import Cell, Disc, Sensor, SensorFrame
@@ -71,7 +70,7 @@ def of_size(effect: Effect, size: float, random: np.random.Generator) -> Simulat
     values = random_values(effect, random)
     amplitudes = effect.amplitudes(values)
     acts = amplitudes != 0
-    typical = np.array([typical_size(effect, k) if acts[k] else 1.0 for k in range(len(values))])
+    typical = np.array([effect.size(k) if acts[k] else 1.0 for k in range(len(values))])
     part = amplitudes / np.array([p.scale for p in effect.parameters])[: len(values)]
     return SimulatedEffects((effect,), (np.where(acts, size * part / np.linalg.norm(part) * typical, values),))
 

@@ -52,7 +52,6 @@ from benchmark.population import errors_of
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.arm import Predictor
@@ -203,7 +202,7 @@ def typical_sizes(errors: Iterable[tuple[Any, Floats]]) -> dict[str, float]:
 
 def sizes_of(effect: Effect, factor: float = 1.0, declared: Mapping[str, float] | None = None) -> Floats:
     """The size of each parameter of an effect in a population, (k,)."""
-    usual = [factor * typical_size(effect, k) for k in range(len(effect.parameters))]
+    usual = [factor * effect.size(k) for k in range(len(effect.parameters))]
     return np.array([(declared or {}).get(effect.name, size) for size in usual])
 
 

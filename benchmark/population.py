@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any, ClassVar, NamedTuple
@@ -56,42 +56,8 @@ QUANTILE = 5.991
 """95 % of chi-square with two degrees of freedom."""
 MEDIAN_OF_ERROR = 0.8326
 """Median over root mean square of the length of a normal vector with equal axes, √ln 2."""
-SIZES: dict[str, float | tuple[float, ...]] = {
-    'contact_friction': 0.004,
-    'sensor_rotation': 2e-3,
-    'sensor_bias': 0.05,
-    'sensor_nonlinearity': 1e-4,
-    'sensor_cross_talk': 2e-3,
-    'encoder_gain': 2e-5,
-    'transmission_error[joint1]': 2e-5,
-    'transmission_error[joint2]': 1e-5,
-    'joint_hardening': 2e-9,
-    'joint_hysteresis': 1e-5,
-    'joint_slip': 5e-7,
-    'load_friction': 5e-7,
-    'anisotropic_gripper': 2e-7,
-    'anisotropic_backlash': 3e-6,
-    'link_bending': 4e-7,
-    'base_compliance': 1e-7,
-    'base_tilt': 0.02,
-    'contact_compliance': 3e-7,
-    'object_position': 1e-5,
-    'plate_position': 1e-5,
-    'object_radius': 5e-6,
-    'thermal_drift[joint1]': 1e-8,
-    'thermal_drift[joint2]': 1e-8,
-    'thermal_drift': 1e-8,
-    'shift[sensor]': 0.03,
-    'shift[joint1]': 5e-6,
-    'shift[joint2]': 5e-6,
-    'shift': 3e-6,
-    'tip_shape': 2e-6,
-    'joint_coupling': 2e-5,
-    'cable_pull': (5e-6, 2.5e-6, 8e-7),
-}
-"""Size of each error of the catalogue by label or name: its standard deviation at the factor 1, SI. Those of a robot
-arm and a cell in a workshop: gears of 4 arcsec, discs measured to 10 µm, a base on a steel frame.
-"""
+WAVE = 'transmission_error[joint2]', 1e-5
+"""The one error that is not as large as `Effect.typical_size` has it, rad: joint 2 has the better gear."""
 CYCLES = (1.0, 2.0, 3.0, 4.0, 11.0, 36.0, 100.0)
 """Waves per turn of a transmission error: eccentric, oval and bent wheels, teeth."""
 
@@ -218,7 +184,7 @@ OUTSIDE = {
     'cross_wave': 1e-5,
     'sensor_lobes': 1e-3,
 }
-"""The eight kinds of error from outside the catalogue, with their sizes as `SIZES`."""
+"""The eight kinds of error from outside the catalogue, with their sizes."""
 
 
 def outside(cell: Cell) -> list[Effect]:
@@ -257,8 +223,8 @@ def draw(task: Task) -> tuple[Setup, ExtendedModel, TouchSet]:
         cell = replace(cell, discs=tuple(d._replace(center_std=std, radius_std=std / 2) for d in cell.discs))
     uncertainty = replace(cell.uncertainty, effects=EffectSizes(SizeMode(task.effects)))
     cell = replace(cell, noise=None, uncertainty=uncertainty)
-    others, sizes = outside(cell), SIZES | OUTSIDE
-    listed = [e for e in catalogue(setup.cell) if e.label in sizes or e.name in sizes]
+    others, listed = outside(cell), list(catalogue(setup.cell))
+    sizes = sizes_of(listed) | OUTSIDE
     if task.kind == 'outside':
         kept = random.permutation(len(listed))[: len(others)]
         listed = [listed[k] for k in sorted(kept)]
@@ -269,6 +235,11 @@ def draw(task: Task) -> tuple[Setup, ExtendedModel, TouchSet]:
     ]
     robot = ExtendedModel(setup.truth, effects, tuple(values)) if factor else ExtendedModel(setup.truth)
     return setup._replace(cell=cell), robot, simulate_touches(setup.cell, robot, setup.plan, NOISE, task.seed)
+
+
+def sizes_of(effects: Iterable[Effect]) -> dict[str, float | tuple[float, ...]]:
+    """Size of each error of the catalogue by label: its standard deviation at the factor 1, SI."""
+    return dict([*((effect.label, effect.typical_size or 0.0) for effect in effects), WAVE])
 
 
 def errors_of(effect: Effect, size: Floats, random: np.random.Generator) -> tuple[float, ...]:
@@ -315,9 +286,8 @@ def run_task(task: Task) -> dict[str, Any]:
 def with_true_sizes(touches: TouchSet, cell: Cell, factor: float) -> Calibration:
     """The mixed model of touches with the sizes of a population known."""
     known = catalogue(cell)
-    stated = {name: factor * (size[0] if isinstance(size, tuple) else size) for name, size in SIZES.items()}
-    others = {effect.label: 0.0 for effect in known if effect.label not in SIZES and effect.name not in SIZES}
-    sizes = cell.uncertainty.effects._replace(stated=stated | others)
+    stated = {name: factor * (size[0] if isinstance(size, tuple) else size) for name, size in sizes_of(known).items()}
+    sizes = cell.uncertainty.effects._replace(stated=stated)
     told = replace(cell, uncertainty=replace(cell.uncertainty, effects=sizes))
     return fit_mixed(calibrate(touches, told), known).fit
 

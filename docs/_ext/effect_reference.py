@@ -13,12 +13,9 @@ from common import MarkdownDirective, code, table
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_friction import OffNormalForce
-from scara_kinetostatic.effects.objects import PlatePosition
+from scara_kinetostatic.effects.base import VARIABLES, Effect
+from scara_kinetostatic.effects.objects import OffNormalForce, PlatePosition
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.effects.undetected import typical_size
-from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -136,7 +133,7 @@ def typical(parameter: Parameter, effect: Effect) -> str:
         return '–'
     place = effect.parameters.index(parameter)
     is_size = bool(effect.amplitudes(np.ones(len(effect.parameters)))[place]) and not parameter.is_alias
-    return f'{typical_size(effect, place):.2g}' if is_size else '–'
+    return f'{effect.size(place):.2g}' if is_size else '–'
 
 
 class EffectPicture(MarkdownDirective):

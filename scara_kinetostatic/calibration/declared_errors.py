@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.effects.undetected import Column, Undetected, derivatives
+from scara_kinetostatic.effects.unnamed import Column, Undetected, derivatives
 from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import EffectLaw, TouchState
@@ -295,7 +295,7 @@ ASSUMED_PLACES = f'{UNDETECTED}[assumed_places]'
 class RandomEffects(NamedTuple):
     """Every error of the catalogue that was not found: it is in the fit all the same, with a prior.
 
-    Each is a sum of columns, its derivatives by its amplitudes (`effects.undetected`), taken where the n touches are
+    Each is a sum of columns, its derivatives by its amplitudes (`effects.unnamed`), taken where the n touches are
     and held: they are small. The value u of a column has the prior N(0, 1) in units of its size, and shifts each touch
     by δ u, d u and e u, as the effect itself does. It is an error like the declared ones, at the end of their vector.
 

@@ -1,7 +1,7 @@
 """What a result rests on that no touch shows: places of objects that nobody has declared; the nominal arm.
 
 A displacement common to all objects is one of the base: no touch tells it from x0 and y0, so that these are as
-uncertain as was declared or, where nothing was, as was assumed (`effects.undetected.TYPICAL`).
+uncertain as was declared or, where nothing was, as was assumed (`ObjectPosition.size`).
 
 With C the covariance of all values, P the prior covariance of some of them, C_g the columns of these, and f the factors
 by which their prior standard deviations are to be larger, the precision of the prior falls from P⁻¹ to P⁻¹/f². By
@@ -28,14 +28,14 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     tip_derivative,
     tip_uncertainty,
 )
-from scara_kinetostatic.effects.undetected import CLASSES, TYPICAL
+from scara_kinetostatic.effects.objects import ObjectPosition, PlatePosition
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import OBJECT_POSITION, SizeMode
+from scara_kinetostatic.model.cell import SizeMode
 
 TIMES = 3.0
 """By how much larger than assumed the errors are in what is said beside it: a convention, half an order of magnitude.
 """
-_PLACES = OBJECT_POSITION, 'plate_position'
+_PLACES = ObjectPosition.name, PlatePosition.name
 
 
 class Assumed(NamedTuple):
@@ -69,9 +69,8 @@ def by_assumed_places(c: Calibration) -> Floats | None:
 
 def _assumed_size(c: Calibration) -> float:
     """Of each coordinate, m; 0 where they count as exact."""
-    effects, (size, _) = c.cell.uncertainty.effects, TYPICAL[OBJECT_POSITION]
-    assert isinstance(size, float)
-    return size * (0.0 if effects.sizes is SizeMode.NONE else CLASSES[effects.arm])
+    effects = c.cell.uncertainty.effects
+    return 0.0 if effects.sizes is SizeMode.NONE else ObjectPosition().size(arm=effects.arm)
 
 
 def _more(c: Calibration, size: float) -> Floats:

@@ -33,10 +33,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.result import Contour, Outline
+from scara_kinetostatic.contour.result import TINY, TOGETHER, Contour, Polyline
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
+from scara_kinetostatic.model.parameters import MICRO, MILLI
 
 SHAPES = {
     'circle': (('center_x', 'm'), ('center_y', 'm'), ('radius', 'm')),
@@ -45,6 +46,10 @@ SHAPES = {
 """What can be fitted: its parameters with their units."""
 FEWEST_POINTS = 10
 """Fewer are not fitted."""
+_LARGEST_RADIUS, _LARGEST_ARC = 1000.0, 10.0
+"""Radius of a whole circle, and of an arc that is a piece, m, beyond which it is a line."""
+_UNKNOWN_STD = 10 * MICRO
+"""Standard uncertainty of a node where none is known, m."""
 
 
 def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, residual: Floats) -> Floats:
@@ -65,14 +70,14 @@ def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: F
 def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Floats) -> Floats:
     """Variances of the parameters by the noise that residuals do not show, (k,)."""
     by_noise, std, time = contour.by_noise[points], contour.std_noise[points], contour.time[points]
-    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), 1e-30), 0.0), 1.0)
-    size = np.maximum(np.linalg.norm(by_noise, axis=1), 1e-30)
+    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), TINY), 0.0), 1.0)
+    size = np.maximum(np.linalg.norm(by_noise, axis=1), TINY)
     loading = by_noise * (std / size)[:, None]
     group = np.arange(len(time)) * min(100, len(time)) // len(time)  # groups of neighbouring points
     count, terms = np.bincount(group), inverse.T[:, :, None] * loading[:, None, :]
     sums = np.add.reduceat(terms, np.searchsorted(group, np.arange(len(count))))
     middle = np.bincount(group, time) / count
-    lag = (middle[:, None] - middle) / max(float(np.ptp(time)), 1e-9)
+    lag = (middle[:, None] - middle) / max(float(np.ptp(time)), TINY)
     alike = [np.exp(-0.5 * (lag / part) ** 2) for part in (0.25, 0.5, 1.0, np.inf)]  # parts of the time of all
     variances = [np.einsum('gkc,gh,hkc->k', sums, matrix, sums) for matrix in alike]
     return np.asarray(hidden * np.max(variances, axis=0))
@@ -182,7 +187,7 @@ def _fit(contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline
         name: FittedValue(float(value), float(u), unit)
         for (name, unit), value, u in zip(SHAPES[shape], found, stds, strict=True)
     }
-    misfit = rms(residual / np.maximum(contour.stretch(points).weighing, 1e-12))
+    misfit = rms(residual / np.maximum(contour.stretch(points).weighing, TINY))
     return ShapeFit(shape, outline, values, residual, points, misfit)
 
 
@@ -203,7 +208,7 @@ def _round(place: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:
         values = values + step
         if not np.abs(step).max() > 1e-12:  # m
             break
-    if rank < 3 or not np.isfinite(values).all() or values[2] > 1e3:
+    if rank < 3 or not np.isfinite(values).all() or values[2] > _LARGEST_RADIUS:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
     away, side = np.hypot(x - values[0], y - values[1]), np.sign(np.sum(design[:, :2] * normal))
     return np.append(values[:2] + origin, values[2]), side * (away - values[2]), side * design
@@ -241,7 +246,7 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
     label = np.full(len(made.points), -1)
     for number, (nodes, _) in enumerate(pieces):
         along = np.append(0.0, np.cumsum(np.hypot(*np.diff(made.points[nodes], axis=0).T)))
-        margin = min(1.5e-3, 0.2 * float(along[-1])) if len(pieces) > 1 else 0.0  # m, left out at both ends
+        margin = min(1.5 * MILLI, 0.2 * float(along[-1])) if len(pieces) > 1 else 0.0  # left out at both ends
         label[nodes[(along >= margin) & (along <= along[-1] - margin)]] = number
     owner = label[_nearest_nodes(contour, points, made)]
     fits = []
@@ -252,16 +257,16 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
     return tuple(fits)
 
 
-def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indices:
+def _nearest_nodes(contour: Contour, points: Indices, outline: Polyline) -> Indices:
     """The node nearest to each point, with a like normal."""
-    weight = 5e-3  # m: points with opposite normals are taken to be farther apart by twice this length
+    weight = 5 * MILLI  # points with opposite normals are taken to be farther apart by twice this length
     nodes = np.column_stack([outline.points, weight * outline.normals])
     wanted = np.column_stack([contour.surface[points], weight * contour.normal[points]])
-    parts = np.array_split(wanted, len(wanted) // 512 + 1)  # worked out together
+    parts = np.array_split(wanted, len(wanted) // TOGETHER + 1)
     return np.concatenate([((nodes**2).sum(axis=1) - 2.0 * part @ nodes.T).argmin(axis=1) for part in parts])
 
 
-def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:
+def divided(outline: Polyline, most: int = 500) -> list[tuple[Indices, bool]]:
     """The division of an outline into lines and arcs; of a closed one, it begins at an end of a piece.
 
     Args:
@@ -274,7 +279,7 @@ def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:
     count = len(outline.points)
     group = np.arange(count) * min(most, count) // count
     first = np.unique(group, return_index=True)[1]
-    points, std = outline.points[first], np.nan_to_num(outline.std[first], nan=1e-5)  # m, where none is known
+    points, std = outline.points[first], np.nan_to_num(outline.std[first], nan=_UNKNOWN_STD)
     pieces, shift = _division(points, std), 0
     if outline.closed and len(pieces) > 1:
         shift = pieces[len(pieces) // 2][0]
@@ -312,9 +317,9 @@ def _division(points: Floats, std: Floats) -> list[tuple[int, int, bool]]:
 def _cumulative_moments(points: Floats, std: Floats) -> Floats:
     """Sums of w (1, x, y, x², x y, y², z, x z, y z, z²) over the first k nodes, z = x² + y²: (n + 1, 10)."""
     x, y = points.T
-    z, weight = x * x + y * y, (3.0 * np.maximum(std, 1e-6)) ** -2  # m; on a shape: within three standard uncertainties
+    z, weight = x * x + y * y, (3.0 * np.maximum(std, MICRO)) ** -2  # on a shape: within three standard uncertainties
     terms = weight[:, None] * np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
-    return np.concatenate([np.zeros((1, 10)), np.cumsum(terms, axis=0)])
+    return np.concatenate([np.zeros_like(terms[:1]), np.cumsum(terms, axis=0)])
 
 
 def _misfits(moments: Floats) -> tuple[Floats, Floats]:
@@ -333,5 +338,5 @@ def _misfits(moments: Floats) -> tuple[Floats, Floats]:
         a, b, c = scale * (vv * uz - uv * vz), scale * (uu * vz - uv * uz), (uu + vv) / w
         radius = c + (a * a + b * b) / 4
         arc = np.maximum(square - a * uz - b * vz - c * (uu + vv), 0.0) / (4 * radius)
-        arc = np.where(np.isfinite(arc) & (radius < 10.0**2), arc, np.inf)  # larger than 10 m: a line
+        arc = np.where(np.isfinite(arc) & (radius < _LARGEST_ARC**2), arc, np.inf)
     return line, arc

@@ -17,22 +17,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from scara_kinetostatic.contour import trace
-from scara_kinetostatic.contour.result import Contour, Outline, Parts, add_pass, outlines_of
+from scara_kinetostatic.contour.result import Contour, Parts, Polyline, add_pass, outlines_of
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.online import check_free
+from scara_kinetostatic.model.parameters import MILLI
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.streams import Signals, as_signals
 
-SECOND = 1_000_000_000
 _SOURCE = 'the slide'
 _LONGEST = 20 * SECOND
 """Samples in contact are kept at most so long, ns, where the tip creeps or rests."""
-_LONGEST_PATH, _KEPT_PATH = 0.02, 0.008
+_MOST_SAMPLES, _SHOWN = 300_000, 30 * SECOND
+"""Samples of a topic that are kept; for how long an event is shown, ns."""
+_LONGEST_PATH, _KEPT_PATH = 20 * MILLI, 8 * MILLI
 """Length of the path, m, from which on it is joined for good, and of its end that is traced again."""
 
 
@@ -67,7 +70,7 @@ class OnlineContour:
 
     def restart(self) -> None:
         """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
-        self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
+        self._pair, self._joined = StreamPair(self._topics, _MOST_SAMPLES, self._sensor.time_offset), self._shown
         self.zero: Floats | None = None
         self.contour: Contour | None = None
         self._problem = self._event = self._clock_problem = ''
@@ -89,12 +92,12 @@ class OnlineContour:
         self._pair.wrench.append(stamp_ns, received, force)
 
     @property
-    def outlines(self) -> tuple[Outline, ...]:
+    def outlines(self) -> tuple[Polyline, ...]:
         """The outlines so far, in the order in which they were begun."""
         return outlines_of(self._shown)
 
     @property
-    def present(self) -> Outline | None:
+    def present(self) -> Polyline | None:
         """The outline along which the tip slides, or slid last; None before the first."""
         return next(iter(self.outlines[self._present :]), None)
 
@@ -140,7 +143,7 @@ class OnlineContour:
         try:
             contour = trace.trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
         except trace.JumpError as jump:
-            self._event, self._until = f'{jump.what}; {jump.remedy}', self.now + 30 * SECOND
+            self._event, self._until = f'{jump.what}; {jump.remedy}', self.now + _SHOWN
             self._joined = self._shown
             self._drop(self.now)
         except UnsupportedDataError as error:
@@ -148,7 +151,7 @@ class OnlineContour:
             self._drop(self.now - (_LONGEST if touching else 3 * SECOND))
         else:
             if contour.contradiction:
-                self._event, self._until = f'{contour.contradiction}; {trace.FRAME_OR_SIGN}', self.now + 30 * SECOND
+                self._event, self._until = f'{contour.contradiction}; {trace.FRAME_OR_SIGN}', self.now + _SHOWN
             self._join(contour, signals, touching, last)
         return self._shown is not before
 
@@ -162,7 +165,7 @@ class OnlineContour:
             return as_signals(streams, self.arm.cell)
         if self._pair.is_refused:
             self._clock_problem = self._pair.problem
-            self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
+            self._pair, self._joined = StreamPair(self._topics, _MOST_SAMPLES, self._sensor.time_offset), self._shown
         else:
             what = 'the clocks of the topics seem to differ'
             self._problem = f'{what}: nothing is traced until that is sure, for 15 s at most'
@@ -172,8 +175,8 @@ class OnlineContour:
         """End of the last contact by the zero that is known, s, and whether it still lasts; minus infinity for none."""
         ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, trace.LONGEST_SMOOTHING).end
         last = float(ends[-1]) if len(ends) else -np.inf
-        # s: a contact is over when the force has been back at its zero for so long
-        return last, float(signals.wrench.time[-1]) - last < 0.25
+        # over when the force has been back at its zero for as long as it may be smoothed
+        return last, float(signals.wrench.time[-1]) - last < trace.LONGEST_SMOOTHING
 
     def _find_zero(self, signals: Signals) -> bool:
         """Follows the zero of the force; whether there is one.
@@ -202,16 +205,16 @@ class OnlineContour:
             self._shown, self._present = add_pass(self._shown, contour.stretch(contour.passes == number))
         if not touching:
             self._joined = self._shown
-            self._drop(signals.start + round(1e9 * last))
+            self._drop(signals.start + round(SECOND * last))
             return
         self.contour, self.zero = contour, contour.zero
         step = np.hypot(*np.diff(contour.surface, axis=0).T)
         left = np.append(np.cumsum(step[::-1])[::-1], 0.0)  # path from each point to the last
-        if left[0] > _LONGEST_PATH or signals.joints.time[-1] - contour.time[0] > 1e-9 * _LONGEST:
+        if left[0] > _LONGEST_PATH or signals.joints.time[-1] - contour.time[0] > _LONGEST / SECOND:
             self._joined = self._shown
             kept = contour.time[max(int((left > _KEPT_PATH).sum()) - 1, 0)]
             # s: smoothing and the begin of a pass take some
-            self._drop(max(signals.start + round(1e9 * (kept - 0.3)), self.now - _LONGEST))
+            self._drop(max(signals.start + round(SECOND * (kept - 0.3)), self.now - _LONGEST))
 
     def _drop(self, stamp: int) -> None:
         """Drops the samples before a stamp, ns."""

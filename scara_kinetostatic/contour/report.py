@@ -9,13 +9,14 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic.contour.fits import ShapeFit
-from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.result import EXPECTED, Contour
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import FIT_UNITS, count, shown
+from scara_kinetostatic.report.quantities import FIT_UNITS, MICRO, MILLI, count, shown
 
-_MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
+_WIDTH = 920.0
+"""Of the picture, pixels."""
 
 
 def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str) -> Report:
@@ -26,13 +27,13 @@ def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str)
         fits: shapes through its outlines.
         calibration: name of the file of the calibration.
     """
-    std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
+    std, common = (MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
     first = contour.outlines[0]
     form = 'Closed outline' if first.closed else 'Open outline'
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
-    headline = f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
+    headline = f'{form} of {MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
     seen = 'The surface in the base frame of the robot. '
-    seen += f'The radius of the tip, {_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
+    seen += f'The radius of the tip, {MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
     of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
     of_which += 'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
     figures = Figure(partial(outline_picture, contour), seen), Note(of_which)
@@ -48,7 +49,7 @@ def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str)
 
 def _sentences(contour: Contour) -> tuple[str, ...]:
     """What the recording holds, and friction."""
-    low, high = np.quantile(np.hypot(*contour.force.T), (0.05, 0.95))
+    low, high = np.quantile(np.hypot(*contour.force.T), (EXPECTED, 1 - EXPECTED))
     held = f'{count(len(contour), "point")} in {count(int(contour.passes.max()) + 1, "pass", "passes")}'
     held += f' under {low:.1f} to {high:.1f} N'
     held += '; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.'
@@ -70,7 +71,7 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
             name, values = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}', []
             for item in fit.values.values():
                 values.append(shown(*item, FIT_UNITS)._replace(unit='').text)
-            rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
+            rows.append((name, *values, f'{MICRO * fit.rms:.1f}', f'{MICRO * fit.largest:.1f}'))
             if not fit.fits:
                 remark = f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of'
                 remarks.append(f'{remark} the points (rms); the parameters and their uncertainties do not describe it.')
@@ -114,7 +115,7 @@ def outline_picture(contour: Contour) -> Markup:
     height = _WIDTH * float(np.clip(size[1] / size[0], 0.3, 0.75))
     figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
     for outline in contour.outlines:
-        x, y = _MILLI * outline.ring.T
+        x, y = MILLI * outline.ring.T
         if outline.closed:
             axes.fill(x, y, color=SERIES[0], alpha=0.1, lw=0)
         axes.plot(x, y, color=SERIES[0], lw=1.6)

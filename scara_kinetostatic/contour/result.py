@@ -28,19 +28,29 @@ from scara_kinetostatic.files.tables import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.parameters import MILLI
+from scara_kinetostatic.report.quantities import percentage
 
-SPACING = 5e-4
+TINY = 1e-30
+"""Keeps a quotient finite where both of it are zero."""
+TOGETHER = 512
+"""Points that are worked out together: what they need fits into the cache."""
+SPACING = 0.5 * MILLI
 """Least distance of the nodes of an outline, m."""
 _SAME_NORMAL = 0.8
 """Least product of the normals of points of two passes that are the same."""
-_LONGEST_GAP = 3e-3
+_LONGEST_GAP = 3 * MILLI
 """An outline whose ends are no farther apart, m, is closed."""
 _FEWEST_SAME = 3
 """So many points of two passes must be the same for them to be joined."""
+_SAME_PLACE, _SAME_STD = 0.3 * MILLI, 6.0
+"""Points of two passes are the same where they are nearer to each other, m, or within so many standard deviations."""
+EXPECTED = 0.05
+"""Part of the points that may be beyond the forces of the calibration: the scatter of a force that is held."""
 
 
 @dataclass(frozen=True)
-class Outline:
+class Polyline:
     """An outline of the surface, in the direction of its passes.
 
     Attributes:
@@ -117,7 +127,7 @@ Parts = tuple[_Part, ...]
 """Outlines in the making, in the order in which they were begun."""
 
 
-def join_passes(passes: Sequence[Stretch]) -> tuple[Outline, ...]:
+def join_passes(passes: Sequence[Stretch]) -> tuple[Polyline, ...]:
     """The outlines that passes make, the longest first."""
     parts: Parts = ()
     for number in sorted(range(len(passes)), key=lambda k: -_lengths(passes[k].points)[-1]):
@@ -125,9 +135,9 @@ def join_passes(passes: Sequence[Stretch]) -> tuple[Outline, ...]:
     return tuple(sorted(outlines_of(parts), key=lambda outline: -outline.length))
 
 
-def outlines_of(parts: Parts) -> tuple[Outline, ...]:
+def outlines_of(parts: Parts) -> tuple[Polyline, ...]:
     """The outlines, in the order in which they were begun."""
-    return tuple(Outline(*p.course[:3], bool(p.period), tuple(sorted({*p.passes}))) for p in parts)
+    return tuple(Polyline(*p.course[:3], bool(p.period), tuple(sorted({*p.passes}))) for p in parts)
 
 
 def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, int]:
@@ -196,9 +206,9 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
     points = np.concatenate([part.points, part.points[:1]]) if period else part.points
     along = np.append(part.along, part.along[0] + period) if period else part.along
     begin, step, found = points[:-1], np.diff(points, axis=0), np.full(len(course.points), np.nan)
-    square = np.maximum((step**2).sum(axis=1), 1e-30)
-    for first in range(0, len(found) if len(begin) else 0, 512):  # worked out together
-        rows = slice(first, first + 512)
+    square = np.maximum((step**2).sum(axis=1), TINY)
+    for first in range(0, len(found) if len(begin) else 0, TOGETHER):
+        rows = slice(first, first + TOGETHER)
         apart = course.points[rows, None] - begin
         share = np.einsum('ijk,jk->ij', apart, step) / square
         inside = np.clip(share, 0.0, 1.0)
@@ -208,8 +218,7 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
         distance[~agree[:, : len(begin)]] = np.inf
         best = distance.argmin(axis=1)
         row = np.arange(len(best))
-        # m; nearer to each other, or within six standard uncertainties, points of two passes are the same
-        limit = np.maximum(3e-4, 6.0 * np.hypot(course.weighing[rows], part.weighing[best]))
+        limit = np.maximum(_SAME_PLACE, _SAME_STD * np.hypot(course.weighing[rows], part.weighing[best]))
         place = along[best] + inside[row, best] * (along[best + 1] - along[best])
         found[rows] = np.where(np.sqrt(distance[row, best]) < limit, place, np.nan)
     return found
@@ -222,7 +231,7 @@ def _closed(course: Stretch, passes: tuple[int, ...]) -> _Part:
         return _Part(_thinned(course, 0.0), 0.0, passes)
     first, last = course.points[0], course.points[end]
     chord = course.points[min(_FEWEST_SAME, end)] - first
-    gap = float((first - last) @ chord) / max(float(np.hypot(*chord)), 1e-12)
+    gap = float((first - last) @ chord) / max(float(np.hypot(*chord)), TINY)
     turn = float(course.along[end] - course.along[0]) + gap
     round_once, rest = course.select(slice(end + 1)), course.select(slice(end + 1, None))
     closed = _thinned(round_once._replace(along=(round_once.along - course.along[0]) % turn), turn)
@@ -251,7 +260,7 @@ def _thinned(course: Stretch, period: float) -> Stretch:
     cell = np.floor(course.along / width).astype(np.intp)
     cell = np.minimum(cell, round(period / width) - 1) if period else cell - cell.min()
     cells = int(cell.max()) + 1
-    weight = 1.0 / np.maximum(course.weighing, 1e-12) ** 2
+    weight = 1.0 / np.maximum(course.weighing, TINY) ** 2
     total = np.bincount(cell, weight, cells)
     used = total > 0
 
@@ -384,7 +393,7 @@ class Contour:
         return Stretch(self.surface[which], self.normal[which], self.std_normal[which], self.std_noise[which])
 
     @cached_property
-    def outlines(self) -> tuple[Outline, ...]:
+    def outlines(self) -> tuple[Polyline, ...]:
         """The passes joined, the longest first."""
         return join_passes([self.stretch(self.passes == k) for k in range(int(self.passes.max()) + 1)])
 
@@ -402,17 +411,19 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
     other = ~np.isin(posture(arm.model.parameters, contour.joints), used.postures)
     range_of = f'{used.lowest_force:.0f} to {used.highest_force:.0f} N'
     remarks = [
-        f'{max(100 * part, 1):.0f} % of the points have {what}'
+        f'{percentage(max(part, 0.01))} of the points have {what}'
         for part, allowed, what in (
-            (beyond.mean(), 0.05, f'a force beyond that of the calibration, {range_of}: the model is extrapolated'),
+            (beyond.mean(), EXPECTED, f'a force beyond that of the calibration, {range_of}: the model is extrapolated'),
             (other.mean(), 0.0, 'an elbow posture without a touch of the calibration'),
             (np.isnan(contour.std_normal).mean(), 0.0, 'no stated uncertainty: the calibration does not determine it'),
         )
         if part > allowed
     ]
     step = np.hypot(*np.diff(contour.surface, axis=0).T)[np.diff(contour.passes) == 0]
-    if len(step) and np.median(step) > 1e-3:
-        apart = f'the points are {1e3 * float(np.median(step)):.1f} mm apart: what lies between is not seen, and edges'
+    if len(step) and np.median(step) > MILLI:
+        apart = (
+            f'the points are {float(np.median(step)) / MILLI:.1f} mm apart: what lies between is not seen, and edges'
+        )
         remarks.append(f'{apart} are cut off; slide slower or record joint states at a higher rate')
     if contour.inner_corner.any():
         corner = 'an inner corner is hardly wider than the tip: there the outline has the radius of the tip'
@@ -425,7 +436,12 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
 COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N')
 LAYER = 'CONTOUR'
-_MILLI = 1e3
+_DXF_BEGIN = (
+    '999\ncontour in millimetres, base frame of the robot\n  0\nSECTION\n  2\nHEADER\n  9\n$ACADVER\n  1\nAC1009\n'
+    '  0\nENDSEC\n  0\nSECTION\n  2\nENTITIES\n'
+)
+_BORDER, _STROKE = 0.05, 0.002
+"""Blank border and width of a line, as a part of the picture."""
 
 
 def csv_text(contour: Contour) -> str:
@@ -436,16 +452,16 @@ def csv_text(contour: Contour) -> str:
     return csv_lines({name: [f'{value:{form}}' for value in values.tolist()] for name, form, values in rows})
 
 
-def svg_text(outlines: Iterable[Outline]) -> str:
+def svg_text(outlines: Iterable[Polyline]) -> str:
     """The outlines in millimetres, y upwards; printed in their size."""
     every = [*outlines]
-    points = _MILLI * np.concatenate([outline.points for outline in every])
+    points = np.concatenate([outline.points for outline in every]) / MILLI
     low, high = points.min(axis=0), points.max(axis=0)
-    frame = 0.05 * float((high - low).max()) or 1.0  # blank border
+    frame = _BORDER * float((high - low).max()) or 1.0
     width, height = high - low + 2 * frame
     left, top, paths = low[0] - frame, high[1] + frame, ''
     for outline in every:
-        pairs = (f'{x - left:.4f} {top - y:.4f}' for x, y in (_MILLI * outline.points).tolist())
+        pairs = (f'{x - left:.4f} {top - y:.4f}' for x, y in (outline.points / MILLI).tolist())
         paths += f'<path d="M{" L".join(pairs)}{" Z" if outline.closed else ""}"/>\n'
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -453,20 +469,17 @@ def svg_text(outlines: Iterable[Outline]) -> str:
         f'viewBox="0 0 {width:.4f} {height:.4f}">\n'
         f'<desc>Contour in millimetres; the upper left corner is at x = {left:.4f}, y = {top:.4f} in the base frame, '
         'y upwards.</desc>\n'
-        f'<g fill="none" stroke="#000000" stroke-width="{max(width, height) / 500:.4f}" stroke-linejoin="round">\n'
+        f'<g fill="none" stroke="#000000" stroke-width="{_STROKE * max(width, height):.4f}" stroke-linejoin="round">\n'
         f'{paths}</g>\n</svg>\n'
     )
 
 
-def dxf_text(outlines: Iterable[Outline]) -> str:
+def dxf_text(outlines: Iterable[Polyline]) -> str:
     """The outlines as polylines of a DXF file, release 12, in millimetres."""
-    pairs = [(999, 'contour in millimetres, base frame of the robot'), (0, 'SECTION'), (2, 'HEADER')]
-    pairs += [(9, '$ACADVER'), (1, 'AC1009'), (0, 'ENDSEC'), (0, 'SECTION'), (2, 'ENTITIES')]
+    lines = [_DXF_BEGIN]
     for outline in outlines:
-        pairs += [(0, 'POLYLINE'), (8, LAYER), (66, '1'), (70, '1' if outline.closed else '0')]
-        pairs += [(10, '0.0'), (20, '0.0'), (30, '0.0')]
-        for x, y in (_MILLI * outline.points).tolist():
-            pairs += [(0, 'VERTEX'), (8, LAYER), (10, f'{x:.6f}'), (20, f'{y:.6f}'), (30, '0.0')]
-        pairs += [(0, 'SEQEND'), (8, LAYER)]
-    pairs += [(0, 'ENDSEC'), (0, 'EOF')]
-    return ''.join(f'{code:3d}\n{value}\n' for code, value in pairs)
+        lines.append(f'  0\nPOLYLINE\n  8\n{LAYER}\n 66\n1\n 70\n{outline.closed:d}\n 10\n0.0\n 20\n0.0\n 30\n0.0\n')
+        for x, y in (outline.points / MILLI).tolist():
+            lines.append(f'  0\nVERTEX\n  8\n{LAYER}\n 10\n{x:.6f}\n 20\n{y:.6f}\n 30\n0.0\n')
+        lines.append(f'  0\nSEQEND\n  8\n{LAYER}\n')
+    return ''.join([*lines, '  0\nENDSEC\n  0\nEOF\n'])

@@ -33,7 +33,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
+from scara_kinetostatic.contour.result import (
+    NO_RADIUS,
+    TINY,
+    TOGETHER,
+    Contour,
+    estimate_friction,
+    off_normal_angle,
+    remarks_on,
+)
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
@@ -42,6 +50,8 @@ from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
+from scara_kinetostatic.model.parameters import MICRO, MILLI
+from scara_kinetostatic.report.quantities import percentage
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.streams import SMOOTHING, Signals, Streams, as_signals, moving_mean, white_noise
 
@@ -95,8 +105,7 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         raise UnsupportedDataError(problem, remedy)
     time, joints = signals.joints.time, signals.joints.value
     width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
-    smooth = moving_mean(signals.filtered.value, width)
-    force = np.column_stack([np.interp(time, signals.wrench.time, column) for column in smooth.T])
+    force = _at(time, signals.wrench.time, moving_mean(signals.filtered.value, width))
     # the begin and the end of a contact are left out: there a smoothed force contains some of the free motion
     margin = 0.5 * contacts.smoothing + SMOOTHING
     number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
@@ -123,6 +132,11 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     contact = (np.cumsum(breaks & used) - 1)[used]
     noise = white_noise(signals.wrench.value) / float(np.sqrt(width))
     return ContactSamples(time[used], joints[used], force[used], contact, contacts.begin, noise, own, warnings)
+
+
+def _at(time: Floats, stamps: Floats, values: Floats) -> Floats:
+    """Values (n, 2) with stamps, interpolated."""
+    return np.column_stack([np.interp(time, stamps, column) for column in values.T])
 
 
 def force_zero(signals: Signals, source: str) -> Floats:
@@ -164,12 +178,10 @@ def zero_if_free(signals: Signals, zero: Floats, places: Floats) -> Floats | Non
     if (first := int(other[-1]) + 1 if len(other) else 0) >= len(mean) - 1:
         return None
     found: Floats = np.median(mean[first:], axis=0)
-    way = np.diff(
-        np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in places.T]), axis=0
-    )
-    length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), 1e-9)
-    counts = (length > 3e-4) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
-    return found if float(along[counts].sum()) > 5e-3 else None
+    way = np.diff(_at(time[first:], signals.joints.time, places), axis=0)
+    length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), TINY)
+    counts = (length > 0.3 * MILLI) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
+    return found if float(along[counts].sum()) > 5 * MILLI else None
 
 
 def _blocks(signals: Signals) -> tuple[Floats, Floats, Mask, float]:
@@ -182,11 +194,11 @@ def _blocks(signals: Signals) -> tuple[Floats, Floats, Mask, float]:
     blocks = wrench.value[: count * size].reshape(count, size, 2)
     scatter = blocks.std(axis=1).max(axis=1, initial=0.0)
     time = wrench.time[: count * size].reshape(count, size).mean(axis=1)
-    steady = scatter <= 3 * noise + 1e-6
+    steady = scatter <= 3 * noise + MICRO
     return time, blocks.mean(axis=1), steady, max(0.5, 4 * noise / float(np.sqrt(size)))
 
 
-WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
+WINDOWS = (4 * MILLI, 2 * MILLI, MILLI, 0.5 * MILLI)
 """Half lengths of the windows along the path, m."""
 FEWEST = 4
 """Samples on each side, at least."""
@@ -196,9 +208,11 @@ _RUBBER = 1.0
 """Coefficient of friction; more is seldom, or a force that is turned."""
 _LARGEST_ROTATION = 0.15
 """Of a force sensor that is in the frame that is stated, rad."""
+_CONTRADICTING = 0.25
+"""Part of the points whose force contradicts the motion, from which on it is no slide of a tip on a surface."""
 
 
-class Course(NamedTuple):
+class Travel(NamedTuple):
     """The course of the tip along a surface at n instants.
 
     Attributes:
@@ -224,11 +238,11 @@ class Course(NamedTuple):
 def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
     """Speed of the tip's centre, (n,), m/s: distance over 60 ms within one contact."""
     period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    half = max(1, round(0.5 * 0.06 / period))
+    half = max(1, round(0.03 / period))
     first, last = np.searchsorted(contact, contact, 'left'), np.searchsorted(contact, contact, 'right') - 1
     index = np.arange(len(time))
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
-    return np.asarray(np.hypot(*(places[high] - places[low]).T) / np.maximum(time[high] - time[low], 1e-9))
+    return np.asarray(np.hypot(*(places[high] - places[low]).T) / np.maximum(time[high] - time[low], TINY))
 
 
 def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
@@ -247,13 +261,13 @@ def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
     number[used] = np.cumsum(np.append(True, new_contact | reversal)) - 1
     for k in range(number.max() + 1):
         here = np.flatnonzero(number == k)
-        if np.hypot(*np.ptp(places[here], axis=0)) < 2e-3 or len(here) < 2 * FEWEST + 1:  # m
+        if np.hypot(*np.ptp(places[here], axis=0)) < 2 * MILLI or len(here) < 2 * FEWEST + 1:  # m
             number[here] = -1
     kept = np.unique(number[number >= 0])
     return np.where(number >= 0, np.searchsorted(kept, number), -1)
 
 
-def course_of(time: Floats, places: Floats, force: Floats) -> Course:
+def course_of(time: Floats, places: Floats, force: Floats) -> Travel:
     """The course of one pass; the force tells on which side of the path the object is.
 
     Args:
@@ -264,7 +278,7 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
     count, steps = len(places), np.diff(time)
     clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * float(np.median(steps)))))
     length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(count - 1, 1)
-    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
+    halves = [min(max(round(half / max(length, TINY)), FEWEST), 400) for half in WINDOWS]
     # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
     halves = list(dict.fromkeys([*halves, 2] if FEWEST * length > WINDOWS[1] else halves))
     fits = [_local_fit(clock, places, min(half, (count - 1) // 2)) for half in halves]
@@ -274,14 +288,14 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
     for fit in fits[-2::-1]:
         off = np.abs(np.angle(np.exp(1j * (fit.angle - angle))))
         doubt = np.where(agreed, off, doubt)  # the error of a fit to a bend grows with the window
-        agreed &= off <= _AGREE * std + 3e-3  # rad; covers errors that change slowly along the path
+        agreed &= off <= _AGREE * std + 3 * MILLI  # rad; covers errors that change slowly along the path
         angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
     left = quarter_turn(along)
     side = 1.0 if np.median((force * left).sum(axis=1)) > 0 else -1.0
     convex, hollow = (_sure_curvature(fits[-1], way, noise, halves[-1]) for way in (side, -side))
     end = np.minimum(np.arange(count), np.arange(count)[::-1]) < 3
-    return Course(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
+    return Travel(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
 
 
 def _sure_curvature(fit: _LocalFit, side: float, noise: float, half: int) -> Floats:
@@ -316,15 +330,15 @@ def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
     x ≈ a₀ + a₁ v + a₂ v², v the time from the row over the length of the window.
     """
     count, width, parts = len(places), 2 * half + 1, []
-    for rows in np.array_split(np.arange(count), count // 512 + 1):  # worked out together
+    for rows in np.array_split(np.arange(count), count // TOGETHER + 1):
         window = np.clip(rows - half, 0, count - width)[:, None] + np.arange(width)
         v = clock[window] - clock[rows, None]
-        v /= np.maximum(v[:, -1:] - v[:, :1], 1e-9)
+        v /= np.maximum(v[:, -1:] - v[:, :1], TINY)
         powers, offset = np.stack([np.ones_like(v), v, v * v], axis=1), places[window] - places[rows][:, None]
         inverse = np.linalg.inv(powers @ powers.swapaxes(1, 2) + 1e-12 * np.eye(3))
         value = inverse @ (powers @ offset)
         slope = value[:, 1]
-        speed = np.maximum(np.hypot(*slope.T), 1e-12)
+        speed = np.maximum(np.hypot(*slope.T), TINY)
         across = quarter_turn(slope) / speed[:, None]
         leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
         residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
@@ -389,7 +403,7 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     return TipPlaces(found.tip, by_model, np.where(known, systematic, np.nan), noise, by_noise)
 
 
-LARGEST_TIP = 0.1
+LARGEST_TIP = 100 * MILLI
 """Largest radius of a tip, m; more is one in millimetres."""
 
 
@@ -405,7 +419,7 @@ class JumpError(UnsupportedDataError):
     """The tip jumps while in contact; `what` says how far, without when."""
 
     def __init__(self, source: str, size: float, time: float) -> None:
-        self.what = f'the tip jumps by {1e3 * size:.2g} mm, in contact'
+        self.what = f'the tip jumps by {size / MILLI:.2g} mm, in contact'
         remedy = 'check that the joint states are complete and stamped right, and slide without leaping over a gap'
         super().__init__(f'{source}: {self.what}, at {time:.2f} s', remedy)
 
@@ -493,16 +507,16 @@ def trace_signals(
     number = _passes(samples, places.center, source, signals.joints.period)
     rows = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
     parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
-    course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(rows)
+    course, inside = Travel._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(rows)
     is_across = _across(course, force[inside], number[inside], source)
     into = _motion_into_contact(signals, samples, force, arm)
     left_out = int((~course.end & ~is_across).sum())
-    course, used = Course._make(column[is_across] for column in course), inside[is_across]
+    course, used = Travel._make(column[is_across] for column in course), inside[is_across]
     along, n, force, surface = course.along, course.normal, force[used], places.center[used]
     across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
     aside = np.sqrt(aside + (radius * course.angle_std) ** 2)
     # the path turns away from the object within less than a part of the tip's radius
-    inner_corner = 0.25 * course.hollow * radius > 1.0
+    inner_corner = course.hollow * radius > 4.0
     noise = across + _error_by_normal(course, aside, inner_corner, radius) ** 2
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
@@ -546,8 +560,8 @@ def _contradiction(friction: float, std: float, against: float, into: float) -> 
         return 'the force points against the motion of the tip into contact'
     if friction < -_AGREE * std:
         return f'the coefficient of friction would be {friction:.3f} ± {std:.3f}, and friction is not negative'
-    part = f'{100 * against:.0f} % of the points'
-    return f'the force points against the travel of the tip at {part}' * (against > 0.25)
+    part = f'{percentage(against)} of the points'
+    return f'the force points against the travel of the tip at {part}' * (against > _CONTRADICTING)
 
 
 def _motion_into_contact(signals: Signals, samples: ContactSamples, force: Floats, arm: CalibratedArm) -> float:
@@ -558,7 +572,7 @@ def _motion_into_contact(signals: Signals, samples: ContactSamples, force: Float
     for at, first in zip(*(np.searchsorted(each, samples.begin) for each in (time, samples.time)), strict=True):
         if first < len(samples.time) and at < len(time):
             motion = place[at] - place[:at]
-            if len(away := np.flatnonzero(np.hypot(*motion.T) > 1e-3)):
+            if len(away := np.flatnonzero(np.hypot(*motion.T) > MILLI)):
                 pair = motion[away[-1]], force[first]
                 found.append(float(pair[0] @ pair[1] / np.prod(np.linalg.norm(pair, axis=1))))
     return float(np.median(found)) if found else float('nan')
@@ -573,7 +587,7 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     elapsed, step = np.diff(samples.time), np.hypot(*np.diff(center, axis=0).T)
     same, pause = np.diff(samples.contact) == 0, elapsed > max(0.1, 5 * period)
     usual = float(np.median(step[same])) if same.any() else 0.0
-    jumps = same & ~pause & (step * period / np.maximum(elapsed, 0.2 * period) > max(1e-3, 8 * usual))
+    jumps = same & ~pause & (step * period / np.maximum(elapsed, 0.2 * period) > max(MILLI, 8 * usual))
     if jumps.any():
         first = int(jumps.argmax())
         raise JumpError(source, float(step[first]), float(samples.time[first + 1]))
@@ -587,7 +601,7 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     return number
 
 
-def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask:
+def _across(course: Travel, force: Floats, number: Indices, source: str) -> Mask:
     """Where the force is across the motion, (n,); without the ends of passes.
 
     Raises:
@@ -598,24 +612,24 @@ def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask
     part = 1 - float(across.sum() / max(int((~course.end).sum()), 1))
     passes = number.max() + 1
     total, bad = (np.bincount(number[some], minlength=passes) for some in (~course.end, ~course.end & ~across))
-    across &= (bad <= 0.25 * total)[number]  # such a pass is none on a surface
+    across &= (bad <= _CONTRADICTING * total)[number]  # such a pass is none on a surface
     across &= np.bincount(number[across], minlength=passes)[number] > 1  # one point has no direction
     if part > 0.5 or not across.any():
-        problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
+        problem = f'{source}: the force is not across the motion of the tip at {percentage(part)} of the points'
         raise ForceError(problem, FRAME_OR_SIGN)
     return across
 
 
-def _error_by_normal(course: Course, aside: Floats, inner_corner: Mask, radius: float) -> Floats:
+def _error_by_normal(course: Travel, aside: Floats, inner_corner: Mask, radius: float) -> Floats:
     """Standard uncertainty across the surface by that of the normal, δ, and along the surface, t, (n,), m.
 
     P moves by r δ²/√2 against the normal. Along the surface it moves by t, of which r δ is a part; this leaves a
     surface of radius ρ by t²/(2 ρ), and a sharp edge by t: here t²/(2 ρ + t), with ρ = 1/κ - r about the object and
     1/κ + r in a hollow. In an inner corner the tip touches on both sides and turns on the spot: ρ = 0.
     """
-    about = np.maximum(1.0 / np.maximum(course.convex, 1e-9) - radius, 0.0)
-    within = np.where(inner_corner, 0.0, 1.0 / np.maximum(course.hollow, 1e-9) + radius)
-    across = aside**2 / np.maximum(2.0 * np.minimum(about, within) + aside, 1e-12)
+    about = np.maximum(1.0 / np.maximum(course.convex, TINY) - radius, 0.0)
+    within = np.where(inner_corner, 0.0, 1.0 / np.maximum(course.hollow, TINY) + radius)
+    across = aside**2 / np.maximum(2.0 * np.minimum(about, within) + aside, TINY)
     return np.hypot(radius * course.angle_std**2 / np.sqrt(2.0), across)
 
 

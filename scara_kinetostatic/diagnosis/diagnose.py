@@ -34,7 +34,6 @@ from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Moment, Search,
 from scara_kinetostatic.diagnosis.weighing import Weighed, is_placed, weigh
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arrays import Floats
 
 _MOST_NAMED = 5
@@ -340,7 +339,7 @@ def suspects(final: Calibration) -> tuple[Found, ...]:
         return ()
     value, std = random.size * final.random_values, np.sqrt(np.diag(final.covariance_with_errors))
     std, found = random.size * std[len(std) - len(value) :], dict[str, Found]()
-    ratio = np.abs(value) / [typical_size(column.effect, column.parameter, arm) for column in random.columns]
+    ratio = np.abs(value) / [column.effect.size(column.parameter, arm) for column in random.columns]
     for k in np.argsort(-ratio, kind='stable').tolist():
         effect, form, _ = random.columns[k]
         if ratio[k] <= 1 or effect.label in found:

@@ -5,7 +5,7 @@ At a fit the whitened misclosures of the touches are, to first order,
     y + J Δ + N e + Σ_g τ_g X_g u_g = ε,    u_g ~ N(0, I),    e ~ N(0, I),    ε ~ N(0, V),
 
 with J the derivatives by what the touches determine of L̄, N those by the declared errors, and X_g the columns of one
-effect of the catalogue, in units of its typical size (`effects.undetected`). Every effect of the catalogue is in it, as
+effect of the catalogue, in units of its typical size (`Effect.size`). Every effect of the catalogue is in it, as
 `RandomEffects` held where they are; those that are named are effects of the model, linearised anew. None is free.
 
 **Sizes.** The τ are found by restricted likelihood (REML; Patterson and Thompson, Biometrika 58 (1971) 545), by Fisher
@@ -57,7 +57,7 @@ from scara_kinetostatic.calibration.result import (
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.undetected import columns_of, typical_size
+from scara_kinetostatic.effects.unnamed import columns_of
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import Projected
 from scara_kinetostatic.gaussian.restricted_likelihood import (
@@ -236,9 +236,9 @@ def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[E
         columns = columns_of(effect, at)
         forms = max(len({column.values for column in columns}), 1)
         for column in columns:
-            size = typical_size(effect, column.parameter, declared.arm) / forms**0.5
+            size = effect.size(column.parameter, declared.arm) / forms**0.5
             if stated:  # of the first parameter; others in proportion
-                size *= stated / typical_size(effect, 0, declared.arm)
+                size *= stated / effect.size(0, declared.arm)
             found.append((column, size, not stated and declared.sizes is SizeMode.ESTIMATED))
     found.sort(key=lambda item: (not item[0].moves_robot, item[0].effect.force_dependence))
     size, is_free = np.array([item[1] for item in found]), np.array([item[2] for item in found], dtype=bool)
@@ -264,7 +264,7 @@ def _sizes_of(c: Calibration, kept: int, is_free: Mask, freedoms: float) -> _Siz
         acts = effect.amplitudes(np.ones(len(values))) != 0
         for k, parameter in enumerate(effect.parameters):
             if (name := f'{effect.label}.{parameter.name}') not in c.fixed and name not in c.model.held:
-                scale.append(typical_size(effect, k, arm) if acts[k] else parameter.scale)
+                scale.append(effect.size(k, arm) if acts[k] else parameter.scale)
                 groups.append(f'named {effect.label}' if acts[k] and number >= kept else '')
     labels = [] if c.random is None else [column.effect.label for column in c.random.columns]
     groups += [label if free else '' for label, free in zip(labels, is_free.tolist(), strict=True)]

@@ -40,7 +40,7 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.lack_of_fit import FORCE, JOINT, OFF_NORMAL, find_dependences, growing_p_value
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel

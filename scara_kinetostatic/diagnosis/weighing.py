@@ -31,7 +31,7 @@ from scara_kinetostatic.diagnosis.odds import (
 )
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
-from scara_kinetostatic.effects.undetected import columns_of, derivatives, typical_size
+from scara_kinetostatic.effects.unnamed import columns_of, derivatives
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import ArmClass, SizeMode
 
@@ -275,7 +275,7 @@ def _small_part(problem: Problem, effect: Effect, arm: ArmClass) -> Floats:
     """The whitened columns by which an effect is there undetected, in its typical size, (2n, k)."""
     at = problem.touch_state
     columns = columns_of(effect, at)
-    size = [typical_size(effect, column.parameter, arm) for column in columns]
+    size = [effect.size(column.parameter, arm) for column in columns]
     changes = problem.changes(Trial(derivatives(columns, at)))
     return changes * np.array(size) / max(len({column.values for column in columns}), 1) ** 0.5
 
@@ -309,7 +309,7 @@ def trial_units(effect: Effect, trial: Trial, arm: ArmClass) -> Floats:
     units = []
     for coefficients in np.eye(len(trial.columns)):
         sizes = np.abs(effect.amplitudes(np.asarray(trial.values(coefficients))))
-        typical = [size / typical_size(effect, k, arm) for k, size in enumerate(sizes.tolist())]
+        typical = [size / effect.size(k, arm) for k, size in enumerate(sizes.tolist())]
         units.append(1 / max(typical))
     return np.array(units)
 

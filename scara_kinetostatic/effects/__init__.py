@@ -3,10 +3,19 @@
 To write one, derive from `JointEffect`, `DiscEffect`, `SensorEffect`, `LinearEffect` or `Effect`.
 """
 
-from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, LinearEffect, SensorEffect, Trial, at_joint
+from scara_kinetostatic.effects.base import (
+    VARIABLES,
+    DiscEffect,
+    Effect,
+    JointEffect,
+    LinearEffect,
+    PlotAxis,
+    SensorEffect,
+    Trial,
+    at_joint,
+)
 from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
 from scara_kinetostatic.effects.unnamed import empirical_effects
-from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 
 __all__ = [

@@ -19,11 +19,120 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.cell import ArmClass, Cell, Disc
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.outline import Outline
+
+LENGTH = ANGLE = 1e-3
+"""Largest plausible error of a length, m, and of an angle, rad."""
+FINER = 13
+"""Trials of a finer grid about one of a coarse grid."""
+CLASSES = {ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, ArmClass.PRINTED: 25.0}
+"""Classes of arms, and by what factor their typical sizes are larger; a convention."""
+STICKING = 0.1
+"""A tip that comes within this angle of the normal sticks, as a usual coefficient of friction has it, rad."""
+
+
+class PlotAxis(NamedTuple):
+    """The x axis of a plot of residuals.
+
+    Attributes:
+        title: what it is, in words.
+        unit: of the values; empty where they have none.
+        values: one per touch, (n,).
+    """
+
+    title: str
+    unit: str
+    values: Floats
+
+
+class Variable(NamedTuple):
+    """A property of touches.
+
+    Attributes:
+        label: in words; ``{joint}`` stands for the joint's number.
+        unit: of the values; empty where they have none.
+        values: from touches and a joint, 0 or 1, to values (n,); only a variable of a joint depends on it.
+        force_dependence: what of the force it depends on, as far as a fitted curve needs it.
+    """
+
+    label: str
+    unit: str
+    values: Callable[[TouchState, int], Floats]
+    force_dependence: ForceDependence = ForceDependence.ALL
+
+    def title(self, joint: int = 0) -> str:
+        """In words, of a joint where it is one of a joint."""
+        return self.label.format(joint=joint + 1)
+
+    def axis(self, at: TouchState, joint: int = 0) -> PlotAxis:
+        """The variable at n touches, of a joint where it is one of a joint."""
+        return PlotAxis(self.title(joint), self.unit, self.values(at, joint))
+
+
+def slide(at: TouchState) -> Floats:
+    """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
+
+    It is the part along t of the movement J ΔQ, divided by the whole movement and by `STICKING`, limited to ±1. Both
+    the movement and t = R90 n are those of the rigid tip at the measured angles.
+    """
+    p = at.parameters
+    links = at.joints + np.array([p.theta1, p.theta2])
+    first, second = links[:, 0], links.sum(axis=1)
+    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
+    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
+    turn1, turn2 = at.metadata.press.T
+    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
+    if at.tangents is not None:
+        t, outer = at.tangents, np.sign(at.radii)
+        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
+        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
+    move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
+    size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
+    aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
+    return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
+
+
+def angle_from_link2(at: TouchState) -> Floats:
+    """χ, from link 2 to the force, (n,), rad."""
+    across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
+    return np.arctan2(across, (at.normal * at.link2).sum(axis=1))
+
+
+_NONE, _DIRECTION = ForceDependence.NONE, ForceDependence.DIRECTION
+VARIABLES = {
+    'angle': Variable('angle of joint {joint}', 'rad', lambda at, joint: at.joints[:, joint], _NONE),
+    'torque': Variable('torque of joint {joint}', 'Nm', lambda at, joint: at.torques[:, joint]),
+    'link1_torque': Variable(
+        'bending moment in the middle of link 1', 'Nm', lambda at, _: 0.5 * at.torques.sum(axis=1)
+    ),
+    'other_angle': Variable(
+        'angle of the joint beside joint {joint}', 'rad', lambda at, joint: at.joints[:, 1 - joint], _NONE
+    ),
+    'magnitude': Variable('force', 'N', lambda at, _: at.magnitude),
+    'direction': Variable(
+        'direction of the force', 'rad', lambda at, _: np.arctan2(at.normal[:, 1], at.normal[:, 0]), _DIRECTION
+    ),
+    'direction_from_link2': Variable(
+        'direction of the force from link 2', 'rad', lambda at, _: angle_from_link2(at), _DIRECTION
+    ),
+    'place': Variable('place on the disc', 'rad', lambda at, _: np.arctan2(-at.normal[:, 1], -at.normal[:, 0])),
+    'disc': Variable('number of the object', '', lambda at, _: 1 + at.metadata.disc.astype(float)),
+    'along_edge': Variable('place along the edge', 'm', lambda at, _: at.along_edge, _NONE),
+    'time': Variable('time', 's', lambda at, _: at.metadata.time, _NONE),
+    'touch': Variable(
+        'number of the touch',
+        '',
+        lambda at, _: np.zeros_like(at.magnitude) if (order := at.metadata.order) is None else order.astype(float),
+    ),
+    'approach': Variable(
+        'direction of approach of joint {joint}', '', lambda at, joint: np.sign(at.metadata.approach[:, joint])
+    ),
+    'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
+}
+"""What `Effect.plot_variable` may be, by name: what a residual can be plotted over."""
 
 
 class Trial(NamedTuple):
@@ -54,7 +163,7 @@ class Effect(EffectLaw):
         statement: what its presence says of the cell, a clause; ``{target}`` stands for the target.
         confounded_with: what it cannot be distinguished from, and when.
         identified_by: the touches that determine it.
-        plot_variable: the variable over which its residual is plotted, a key of `variables.VARIABLES`.
+        plot_variable: the variable over which its residual is plotted, a key of `VARIABLES`.
 
     Optional, beside those of `EffectLaw`:
 
@@ -66,6 +175,8 @@ class Effect(EffectLaw):
         is_linear: whether the shift is linear in the parameters.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.
         declared_as: label of the source of uncertainty that the effect exceeds, where it is not the effect's own.
+        typical_size: standard deviation of each parameter, or of all, on a sound industrial arm, where nothing of it is
+            known: a convention, an order of magnitude. None: a fiftieth of the largest plausible size.
 
     Raises:
         TypeError: when a class is defined that lacks one of these; names the class and the attribute.
@@ -100,6 +211,7 @@ class Effect(EffectLaw):
     is_linear: ClassVar[bool] = False
     premise: ClassVar[str] = ''
     declared_as: ClassVar[str] = ''
+    typical_size: ClassVar[float | tuple[float, ...] | None] = None
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Refuse a kind of effect of which something is missing; a class with abstract methods may have no texts."""
@@ -156,6 +268,13 @@ class Effect(EffectLaw):
         """Values that matter, for examples and tests."""
         return tuple(p.scale / 10 if p.typical is None else p.typical for p in self.parameters)
 
+    def size(self, parameter: int = 0, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
+        """Typical size of one parameter on a class of arms, in its unit: what is there undetected."""
+        known = self.typical_size
+        if known is None:
+            known = self.parameters[parameter].scale / 50.0
+        return CLASSES[arm] * (known[parameter] if isinstance(known, tuple) else known)
+
     def is_plausible(self, values: Floats) -> bool:
         """Whether fitted values (k,) still describe this effect."""
         return True
@@ -203,7 +322,11 @@ class LinearEffect(Effect):
         """The shift per unit of each parameter."""
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        return Shift(*(combined(parts, values) for parts in zip(*self.basis(at), strict=True)))
+        total = list[Floats | None]()
+        for parts in zip(*self.basis(at), strict=True):
+            terms = [value * part for part, value in zip(parts, values, strict=True) if part is not None]
+            total.append(sum(terms[1:], terms[0]) if terms else None)
+        return Shift(*total)
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return self.basis(at)
@@ -270,44 +393,6 @@ class JointEffect(EffectOfJoint, LinearEffect):
 
 
 @dataclass(frozen=True)
-class DiscEffect(LinearEffect):
-    """A linear effect of one disc. The catalogue has one for each disc.
-
-    Attributes:
-        disc: its number in the cell.
-        kinds: of objects that may have it.
-    """
-
-    disc: int = 0
-    on_object: ClassVar[bool] = True
-    kinds: ClassVar[tuple[type, ...]] = (Disc, Outline)
-
-    @classmethod
-    def of(cls, disc: int, name: str) -> DiscEffect:
-        """The effect of one disc, by number and name."""
-        return cls(target=name, disc=disc)
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if isinstance(disc, cls.kinds)]
-
-    @abstractmethod
-    def places(self, at: TouchState) -> tuple[Floats, ...]:
-        """Each d per unit of its parameter, as if every touch were on this disc, (n, 2) each, m."""
-
-    def touched(self, at: TouchState) -> NDArray[np.bool_]:
-        """Which touches are on it, (n,)."""
-        return np.asarray(at.metadata.disc == self.disc)
-
-    def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        touched = self.touched(at)[:, None]
-        return tuple(Shift(place=place * touched) for place in self.places(at))
-
-    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
-        return np.asarray(self.touched(at) | (self.plot_variable == 'disc'))
-
-
-@dataclass(frozen=True)
 class EffectOfDiscs(Effect):
     """An effect of all discs, or of one. The catalogue has one of all, and one of each where there are two or more.
 
@@ -336,6 +421,50 @@ class EffectOfDiscs(Effect):
         return super().acts_on(at) if self.disc is None else np.asarray(at.metadata.disc == self.disc)
 
 
+@dataclass(frozen=True)
+class DiscEffect(LinearEffect):
+    """A linear effect of one disc. The catalogue has one for each disc.
+
+    Attributes:
+        disc: its number in the cell.
+        kinds: of objects that may have it.
+    """
+
+    disc: int = 0
+    on_object: ClassVar[bool] = True
+    kinds: ClassVar[tuple[type, ...]] = (Disc, Outline)
+
+    @classmethod
+    def of(cls, disc: int, name: str, *facts: Any) -> DiscEffect:
+        """The effect of one disc, by number and name, with what else the class knows of it."""
+        return cls(name, disc, *facts)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        discs = enumerate(cell.discs)
+        return [cls.of(k, disc.name, *cls.facts(cell, disc)) for k, disc in discs if isinstance(disc, cls.kinds)]
+
+    @classmethod
+    def facts(cls, cell: Cell, disc: Disc | Outline) -> tuple[Any, ...]:
+        """What a class knows of its disc beside number and name, in the order of its fields."""
+        return ()
+
+    @abstractmethod
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
+        """Each d per unit of its parameter, as if every touch were on this disc, (n, 2) each, m."""
+
+    def touched(self, at: TouchState) -> NDArray[np.bool_]:
+        """Which touches are on it, (n,)."""
+        return np.asarray(at.metadata.disc == self.disc)
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        touched = self.touched(at)[:, None]
+        return tuple(Shift(place=place * touched) for place in self.places(at))
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return np.asarray(self.touched(at) | (self.plot_variable == 'disc'))
+
+
 def at_joint(angle: Floats, joint: int) -> Floats:
     """δ (n, 2) that is `angle` (n,) at one joint and zero at the other."""
     out = np.zeros((len(angle), 2))
@@ -343,12 +472,11 @@ def at_joint(angle: Floats, joint: int) -> Floats:
     return out
 
 
+def moved(at: TouchState, *places: Floats) -> tuple[Shift, ...]:
+    """Shifts by displacements of the tip or of an object, (n, 2) each, m, as they count along edges."""
+    return tuple(Shift(place=at.across_edges(place)) for place in places)
+
+
 def unit_vectors(n: int) -> tuple[Floats, Floats]:
     """The unit vectors along x and along y, n times each, (n, 2) each."""
     return at_joint(np.ones(n), 0), at_joint(np.ones(n), 1)
-
-
-def combined(parts: Sequence[Floats | None], values: Floats) -> Floats | None:
-    """The sum of parts (n, 2) times values (k,); None where there is none."""
-    terms = [value * part for part, value in zip(parts, values, strict=True) if part is not None]
-    return sum(terms[1:], terms[0]) if terms else None

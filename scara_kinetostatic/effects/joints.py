@@ -1,4 +1,4 @@
-"""Errors of a joint: gain and drift of its encoder, the other joint's angle, a cable's torque, a compliance that
+"""Errors of a joint: gain of its encoder, the other joint's angle, a cable's torque, a compliance that
 depends on the torque, hysteresis; a periodic error of its transmission; slip with memory. The law (6) itself is
 `model.joint_law`.
 
@@ -24,11 +24,14 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import EffectOfJoint, JointEffect, Trial
-from scara_kinetostatic.effects.variables import PlotAxis
+from scara_kinetostatic.effects.base import ANGLE, FINER, EffectOfJoint, JointEffect, PlotAxis, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.kinematics import wrap
 from scara_kinetostatic.model.touch import LARGEST_RATIO, play_operator
+
+_GAIN = 1e-2
+"""Largest plausible error of the angle of a joint per angle, its own or the other's."""
 
 
 class EncoderGain(JointEffect):
@@ -38,7 +41,8 @@ class EncoderGain(JointEffect):
     """
 
     name = 'encoder_gain'
-    parameters = (Parameter('gain', '1', 1e-2, 'true angle over reported, less 1', typical=1e-3),)
+    parameters = (Parameter('gain', '1', _GAIN, 'true angle over reported, less 1'),)
+    typical_size = 2e-5  # belt or cable across the joint
     statement = 'the encoder of {target} has a gain error'
     confounded_with = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
     identified_by = 'touches over the whole range of the joint, in both elbow postures'
@@ -60,7 +64,8 @@ class JointCoupling(JointEffect):
     """
 
     name = 'joint_coupling'
-    parameters = (Parameter('coupling', '1', 1e-2, 'true angle of the joint per angle of the other', typical=1e-4),)
+    parameters = (Parameter('coupling', '1', _GAIN, 'true angle of the joint per angle of the other', typical=1e-4),)
+    typical_size = EncoderGain.typical_size  # belt of joint 2 through the shoulder
     statement = 'the angle of the other joint leaks into {target}'
     confounded_with = 'base, offsets and link lengths, if there is one elbow posture or the other joint hardly turns'
     identified_by = 'touches over the whole range of the other joint, in both elbow postures'
@@ -86,10 +91,11 @@ class CablePull(JointEffect):
 
     name = 'cable_pull'
     parameters = (
-        Parameter('slope', '1', 1e-3, 'compliance times torque, per angle', typical=4e-5),
-        Parameter('bend', '1/rad', 1e-3, 'change of the slope with the angle', typical=-6e-5),
-        Parameter('twist', '1/rad^2', 1e-3, 'change of the slope with the square of the angle', typical=3e-5),
+        Parameter('slope', '1', ANGLE, 'compliance times torque, per angle', typical=4e-5),
+        Parameter('bend', '1/rad', ANGLE, 'change of the slope with the angle', typical=-6e-5),
+        Parameter('twist', '1/rad^2', ANGLE, 'change of the slope with the square of the angle', typical=3e-5),
     )
+    typical_size = (5e-6, 2.5e-6, 8e-7)  # a soft hose: a smooth curve of 5 µrad at 1 rad, by its Taylor series
     statement = 'a cable pulls at {target}'
     confounded_with = (
         'encoder_gain of the joint, by its slope, and the offset, by a constant torque, **always**; '
@@ -122,12 +128,12 @@ class JointHardening(JointEffect):
     confounded_with = 'compliance and backlash of the joint, if its torques are alike in size'
     identified_by = 'touches with torques on the joint from small to large, in three or more steps'
     plot_variable = 'torque'
-
     parameters = (
         Parameter(
             'rate', 'rad/(Nm)^3', 1e-6, 'by which the deflection falls short of p c, over c^3', typical=1e-9, sign=-1
         ),
     )
+    typical_size = 2e-9  # 2 µrad at 10 Nm
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-(at.torques[:, self.joint] ** 3),)
@@ -140,7 +146,8 @@ class JointHysteresis(JointEffect):
     """
 
     name = 'joint_hysteresis'
-    parameters = (Parameter('width', 'rad', 1e-3, 'lag of the link, half the width of the loop', typical=1e-4, sign=1),)
+    parameters = (Parameter('width', 'rad', ANGLE, 'lag of the link, half the width of the loop', sign=1),)
+    typical_size = 1e-5  # 2 arcsec
     statement = '{target} has hysteresis beyond its backlash'
     confounded_with = 'the backlash of the joint, if it always moves on in the direction of its torque'
     identified_by = 'touches reached from both sides: preload every other touch'
@@ -149,24 +156,6 @@ class JointHysteresis(JointEffect):
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.sign(at.metadata.approach[:, self.joint]),)
-
-
-class ZeroDrift(JointEffect):
-    """The zero of a joint drifts with time t since the start of the recording: δ = -rate t.
-
-    The true angle is q + rate t: it is as if the offset theta of the joint grew.
-    """
-
-    name = 'thermal_drift'
-    parameters = (Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle', typical=1e-6),)
-    statement = 'the zero of {target} drifts with time'
-    confounded_with = 'places, postures or forces that change in the same order as time goes on'
-    identified_by = 'the same touches again later, after a warm-up and after a rest'
-    plot_variable = 'time'
-    force_dependence = ForceDependence.NONE
-
-    def angles(self, at: TouchState) -> tuple[Floats, ...]:
-        return (-at.metadata.time,)
 
 
 LOWEST, HIGHEST = 1.0, 120.0
@@ -179,10 +168,13 @@ class TransmissionError(EffectOfJoint):
 
     name = 'transmission_error'
     parameters = (
-        Parameter('amplitude', 'rad', 1e-3, 'largest error of the angle', typical=1e-4),
+        Parameter('amplitude', 'rad', ANGLE, 'largest error of the angle'),
         Parameter('phase', 'rad', 1.0, 'cycles times the angle at which the error is largest', typical=0.7),
         Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST, 7.3),
     )
+    # 4 arcsec: what its compensation, or an encoder at the output, leaves of a gear; the gear alone: 1.5e-4 rad or
+    # more, peak to peak (Harmonic Drive, catalogue CSF/CSG, positioning accuracy)
+    typical_size = 2e-5
     statement = 'the transmission of {target} has a periodic error'
     confounded_with = (
         'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
@@ -229,15 +221,14 @@ class TransmissionError(EffectOfJoint):
         angle = at.joints[:, self.joint]
         grid = frequencies(angle)
         step = grid[1] - grid[0] if len(grid) > 1 else 0.0
-        places = trial.place + step * np.linspace(-width, width, 13)
+        places = trial.place + step * np.linspace(-width, width, FINER)
         return self._at(angle, np.maximum(places, LOWEST))
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The phase of the wave."""
         _, phase, cycles = values
-        angle = np.degrees(cycles * at.joints[:, self.joint] - phase)
-        title = f'phase of the wave, {cycles:.4g} per turn of joint {self.joint + 1}'
-        return PlotAxis(title, '°', np.asarray((angle + 180) % 360 - 180))
+        angle = wrap(cycles * at.joints[:, self.joint] - phase)
+        return PlotAxis(f'phase of the wave, {cycles:.4g} per turn of joint {self.joint + 1}', '°', np.degrees(angle))
 
     def _at(self, angle: Floats, cycles: Floats) -> Sequence[Trial]:
         """A trial for each frequency."""
@@ -281,6 +272,7 @@ class JointSlip(EffectOfJoint):
         Parameter('compliance', 'rad/Nm', 3e-4, 'of the part that slips', typical=1e-5, sign=1),
         Parameter('slip_torque', 'Nm', 3.0, 'up to which friction holds it', 1.0, typical=2.0, sign=1),
     )
+    typical_size = 5e-7  # a tenth of a stiff joint
     statement = '{target} slips under load and keeps a part of its deflection'
     confounded_with = (
         'compliance and backlash of the joint, if every touch is loaded from zero beyond twice the slip torque; '
@@ -325,7 +317,7 @@ class JointSlip(EffectOfJoint):
         """Values about that of a trial, `width` steps of the grid on both sides, none beyond it."""
         history, load = self._loads(at)
         grid = self._grid(load)
-        places = trial.place * (grid[1] / grid[0]) ** np.linspace(-width, width, 13)
+        places = trial.place * (grid[1] / grid[0]) ** np.linspace(-width, width, FINER)
         return self._at(history, load, np.clip(places, grid[0], grid[-1]))
 
     def forms(self, at: TouchState) -> Sequence[Floats]:
@@ -362,6 +354,10 @@ class JointSlip(EffectOfJoint):
         return np.quantile(np.abs(load), 0.9) * np.geomspace(0.01, 0.9, 12)
 
 
+_RATIO = 0.2
+"""Usual friction of a gear over its load."""
+
+
 class LoadFriction(JointSlip):
     """A second spring behind friction that grows with its load: δ = compliance (1 + μ) P(C), |C - P| ≤ μ |P|.
 
@@ -375,8 +371,8 @@ class LoadFriction(JointSlip):
 
     name = 'load_friction'
     parameters = (
-        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part behind friction, loaded from rest', typical=1e-5, sign=1),
-        Parameter('friction_ratio', '1', 0.6, 'friction over the load of that part', 0.2, typical=0.2, sign=1),
+        JointSlip.parameters[0]._replace(meaning='of the part behind friction, loaded from rest'),
+        Parameter('friction_ratio', '1', 0.6, 'friction over the load of that part', _RATIO, typical=_RATIO, sign=1),
     )
     statement = '{target} has friction that grows with its load'
     confounded_with = (

@@ -2,7 +2,7 @@
 
 Three sources, in this order:
 
-- **Built in**: those of `BUILT_IN`, in that order.
+- **Built in**: the classes of `joints`, `objects`, `robot` and `shift`, each by its `Effect.instances`.
 - **Entry points** of the group ``scara_kinetostatic.effects``: an installed package offers effects to the command, the
   nodes and every program, without a change here. In its ``pyproject.toml``::
 
@@ -27,9 +27,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.shift import Stepped
+from scara_kinetostatic.effects import joints, objects, robot
+from scara_kinetostatic.effects import shift as _shift
+from scara_kinetostatic.effects.base import ANGLE, Effect
 from scara_kinetostatic.errors import ParameterError, did_you_mean, expect
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
@@ -43,38 +43,25 @@ Offer = TypeVar('Offer', bound=Factory | type[Effect])
 
 GROUP = 'scara_kinetostatic.effects'
 """Entry points of this group offer effects."""
-BUILT_IN: tuple[type[Effect], ...] = (
-    contact_friction.ContactFriction,
-    sensor.SensorRotation,
-    sensor.SensorBias,
-    sensor.SensorNonlinearity,
-    joints.EncoderGain,
-    joints.JointCoupling,
-    joints.CablePull,
-    joints.TransmissionError,
-    joints.JointHardening,
-    joints.JointHysteresis,
-    joints.JointSlip,
-    joints.LoadFriction,
-    robot.AnisotropicGripper,
-    robot.AnisotropicBacklash,
-    robot.TipShape,
-    robot.LinkBending,
-    robot.BaseCompliance,
-    robot.BaseTilt,
-    objects.ContactCompliance,
-    objects.ObjectPosition,
-    objects.ObjectRadius,
-    robot.LinkGrowth,
-    joints.ZeroDrift,
-    sensor.SensorCrossTalk,
-    Stepped,
-    objects.PlatePosition,
-    objects.ObjectRotation,
-    objects.ObjectOffset,
-    objects.EdgeBow,
+ORDER = """
+contact_friction sensor_rotation sensor_bias sensor_nonlinearity encoder_gain joint_coupling cable_pull
+transmission_error joint_hardening joint_hysteresis joint_slip load_friction anisotropic_gripper anisotropic_backlash
+tip_shape link_bending base_compliance base_tilt contact_compliance object_position object_radius thermal_drift
+sensor_cross_talk shift plate_position object_rotation object_offset edge_bow
+"""
+"""In which results list the kinds of this package; one that is not named here follows after these."""
+BUILT_IN: tuple[type[Effect], ...] = tuple(
+    sorted(
+        (
+            kind
+            for module in (joints, objects, robot, _shift)
+            for kind in vars(module).values()
+            if isclass(kind) and issubclass(kind, Effect) and kind.__module__ == module.__name__
+        ),
+        key=lambda kind: [*ORDER.split(), kind.name].index(kind.name),
+    )
 )
-"""The catalogue of this package."""
+"""The kinds of this package."""
 _LARGEST = 0.1
 """Shift of a typical effect, m or rad, beyond which it forgets that a touch may be one to come."""
 _registered: list[Factory | type[Effect]] = []
@@ -225,7 +212,7 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
         _check_shifts('shift', [shift], 1, n)
         _check_shifts('derivative', effect.derivative(at, values), k, n)
         larger = _some_touches(cell, factor=2.0), ForceDependence.ALL, 'magnitude'
-        turned = _some_touches(cell, turn=0.1), ForceDependence.DIRECTION, 'direction'
+        turned = _some_touches(cell, turn=1.0), ForceDependence.DIRECTION, 'direction'
         for state, needed, what in (larger, turned):
             other = effect.shift(state, values)
             changed = any(a is not None and (b is None or (a != b).any()) for a, b in zip(shift, other, strict=True))
@@ -249,18 +236,17 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
 
 
 def _some_touches(cell: Cell, factor: float = 1.0, turn: float = 0.0) -> TouchState:
-    """Seven touches of all discs in both postures, at different angles, forces and times.
+    """Two touches of each disc in both postures, at random angles, forces and times.
 
     The forces are `factor` times as large and turned by `turn`, rad.
     """
-    number = np.arange(7)  # that no shape of an effect is by chance
-    disc, posture, k, p = number % len(cell.discs), 1 - 2 * (number % 2), number.astype(float), cell.nominal
-    sense = posture.astype(float)
-    joints = np.stack([0.3 + 0.2 * k, sense * (1.0 + 0.15 * k)], axis=-1)
-    normal = np.stack([np.cos(0.5 + 0.8 * k + turn), np.sin(0.5 + 0.8 * k + turn)], axis=-1)
-    force = factor * (10.0 + 5.0 * k)[:, None] * normal
-    approach = np.asarray(1e-4 * np.stack([sense, -sense], axis=-1))
-    metadata = TouchMetadata(disc, np.asarray(60.0 * k), approach, posture, approach, order=number)
+    n, random, p = 4 * len(cell.discs), np.random.default_rng(0), cell.nominal
+    number, posture = np.arange(n), np.resize((1, -1), n)
+    joints = random.uniform(0.5, 2.0, (n, 2)) * np.stack([np.ones(n), posture], axis=-1)
+    angle = random.uniform(0.0, 2 * np.pi, n) + turn
+    force = factor * random.uniform(10.0, 40.0, (n, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    approach = ANGLE * random.uniform(-1.0, 1.0, (n, 2))
+    metadata = TouchMetadata(number // 4, np.asarray(60.0 * number), approach, posture, approach, order=number)
     links, torques = link_vectors(p, joints), joint_torques(p, joints, force)
     return TouchState.of_poses(p, joints, force, torques, links, forward(p, joints), metadata)
 

@@ -1,5 +1,5 @@
-"""Arm, base, gripper and tip: links that bend or grow, a base that yields or is tilted, an anisotropic gripper, a tip
-that is not round.
+"""Arm, base, gripper, tip and force sensor: links that bend, a base that yields or is tilted, an anisotropic gripper, a
+tip that is not round; zero offset, rotation, cross-talk and a gain that depends on the force.
 
 **A tip that is not round** has lobes over the direction of contact, seen from link 2, which carries the tip.
 With χ the angle from link 2 to n, the outward normal of the tip where it touches, let the tip have the support function
@@ -26,15 +26,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, LinearEffect, at_joint
-from scara_kinetostatic.effects.variables import VARIABLES
+from scara_kinetostatic.effects.base import (
+    LENGTH,
+    Effect,
+    LinearEffect,
+    SensorEffect,
+    angle_from_link2,
+    at_joint,
+    moved,
+)
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
+
+COMPLIANCE = 1e-5
+"""Largest plausible error of a compliance, m/N."""
+SHARE = 0.05
+"""Largest plausible part of the force that the sensor reads across it, or too much."""
+_MOMENT = 10.0
+"""Largest plausible moment by gravity of a joint without compliance, Nm."""
 
 
 class AnisotropicGripper(LinearEffect):
@@ -48,16 +64,17 @@ class AnisotropicGripper(LinearEffect):
 
     name = 'anisotropic_gripper'
     parameters = (
-        Parameter('coupling', 'm/N', 1e-5, 'p12: yield across link 2 per force along it', typical=1e-6),
+        Parameter('coupling', 'm/N', COMPLIANCE, 'p12: yield across link 2 per force along it', typical=1e-6),
         Parameter(
             'excess',
             'm/N',
-            1e-5,
+            COMPLIANCE,
             'yield along link 2 beyond the mean, a part of p_ee and p2',
             typical=0.0,
             is_alias=True,
         ),
     )
+    typical_size = 2e-7  # 8 µm at 40 N
     statement = 'the gripper also yields across the force'
     confounded_with = (
         'p_ee, p1 and p2, if the forces come from few directions relative to link 2; '
@@ -70,8 +87,7 @@ class AnisotropicGripper(LinearEffect):
         along = at.link2
         across = quarter_turn(along)
         f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
-        parts = f_along * across + f_across * along, f_along * along - f_across * across
-        return tuple(Shift(place=at.across_edges(-part)) for part in parts)
+        return moved(at, -(f_along * across + f_across * along), -(f_along * along - f_across * across))
 
 
 class AnisotropicBacklash(LinearEffect):
@@ -83,9 +99,10 @@ class AnisotropicBacklash(LinearEffect):
 
     name = 'anisotropic_backlash'
     parameters = (
-        Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
-        Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
+        Parameter('a', 'm', LENGTH, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
+        Parameter('b', 'm', LENGTH, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
     )
+    typical_size = 3e-6  # a fit of the gripper
     statement = 'the backlash of the gripper depends on the direction of the force, or the tip is oval'
     confounded_with = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
@@ -131,6 +148,7 @@ class LinkBending(LinearEffect):
 
     name = 'link_bending'
     parameters = (Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness', typical=1e-5, sign=1),)
+    typical_size = 4e-7  # a tube of aluminium
     statement = '{target} bends'
     confounded_with = (
         'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 is always part of p2'
@@ -148,10 +166,10 @@ class LinkBending(LinearEffect):
         return [cls.of(link) for link in (0, 1)]
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        c1, c2 = at.torques.T
+        first, second = at.torques.T / 3
         if self.link == 1:
-            return (Shift(joints=at_joint(c2 / 3, 1)),)
-        return (Shift(joints=np.array([c1 / 3 + c2 / 6, c1 / 6 + c2 / 3]).T),)
+            return (Shift(joints=at_joint(second, 1)),)
+        return (Shift(joints=np.array([first + second / 2, first / 2 + second]).T),)
 
 
 class BaseCompliance(LinearEffect):
@@ -167,12 +185,18 @@ class BaseCompliance(LinearEffect):
 
     name = 'base_compliance'
     parameters = (
-        Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean; as much less along y', typical=1e-6),
-        Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
+        Parameter('excess', 'm/N', COMPLIANCE, 'yield along x beyond the mean; as much less along y', typical=1e-6),
+        Parameter('coupling', 'm/N', COMPLIANCE, 'yield along y per force along x', typical=-2e-6),
         Parameter(
-            'common', 'm/N', 1e-5, 'mean over all directions: no touch tells it from p_ee', typical=0.0, is_alias=True
+            'common',
+            'm/N',
+            COMPLIANCE,
+            'mean over all directions: no touch tells it from p_ee',
+            typical=0.0,
+            is_alias=True,
         ),
     )
+    typical_size = 1e-7  # 4 µm at 40 N: a steel frame
     statement = 'the base yields under the force'
     confounded_with = (
         'the compliances of gripper and joints, if the arm hardly turns; its mean over all directions with p_ee, always'
@@ -182,7 +206,7 @@ class BaseCompliance(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T
-        return tuple(Shift(place=at.across_edges(np.array(part).T)) for part in ((-x, y), (-y, -x), (-x, -y)))
+        return moved(at, *(np.array(part).T for part in ((-x, y), (-y, -x), (-x, -y))))
 
 
 @dataclass(frozen=True)
@@ -206,15 +230,10 @@ class BaseTilt(LinearEffect):
         sizes: largest plausible moments of joint 1 and joint 2, Nm.
     """
 
-    sizes: tuple[float, float] = (10.0, 10.0)
+    sizes: tuple[float, float] = (_MOMENT, _MOMENT)
 
     name = 'base_tilt'
-    _parameters: ClassVar = (
-        Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x', typical=2.0),
-        Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y', typical=-1.0),
-        Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x', typical=0.8),
-        Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
-    )
+    typical_size = 2e-2  # 5 kg, 0.2 m, levelled to 2 mrad
     statement = 'the base is tilted or the arm stands upright, so that gravity loads the joints'
     confounded_with = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
@@ -228,14 +247,24 @@ class BaseTilt(LinearEffect):
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         p = cell.nominal
-        sizes = (1e-4 / p.p1 if p.p1 > 0 else 10.0, 1e-4 / p.p2 if p.p2 > 0 else 10.0)
-        return [] if p.has_gravity else [cls(sizes=sizes)]
+        first, second = (1e-4 / compliance if compliance > 0 else _MOMENT for compliance in (p.p1, p.p2))
+        return [] if p.has_gravity else [cls(sizes=(first, second))]
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """The moments, as large as the arm lets expect."""
-        sizes = (self.sizes[0], self.sizes[0], self.sizes[1], self.sizes[1])
-        return tuple(p._replace(scale=size) for p, size in zip(self._parameters, sizes, strict=True))
+        links, axes = zip((1, 2), self.sizes, (1.0, 0.4), strict=True), (('x', 2.0), ('y', -1.0))
+        return tuple(
+            Parameter(
+                f'm{link}_{axis}',
+                'Nm',
+                size,
+                f'static moment along link {link} times gravity along {axis}',
+                typical=part * typical,
+            )
+            for link, size, part in links
+            for axis, typical in axes
+        )
 
     def correction(self, values: Mapping[str, float]) -> str:
         return 'level the base; where the arm stands upright, state `gravity` in the cell description'
@@ -245,25 +274,6 @@ class BaseTilt(LinearEffect):
         torques = [torque for x, y in (at.link1.T, at.link2.T) for torque in (-y, x)]  # link × M per unit of M_x, M_y
         slopes = np.array([[p1, 0.0], [p1, 0.0], [p1, p2], [p1, p2]])
         return tuple(Shift(joints=torque[:, None] * slope) for torque, slope in zip(torques, slopes, strict=True))
-
-
-class LinkGrowth(LinearEffect):
-    """Both links grow with time t since the start of the recording: d = rate t (l1 u + l2 v).
-
-    u and v are the directions of the links; l1 and l2 are the lengths at the start.
-    """
-
-    name = 'thermal_drift'
-    parameters = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),)
-    statement = 'the links grow with time'
-    confounded_with = 'places, postures or forces that change in the same order as time goes on'
-    identified_by = 'the same touches again later, after a warm-up and after a rest'
-    plot_variable = 'time'
-    force_dependence = ForceDependence.NONE
-
-    def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
-        return (Shift(place=at.across_edges(at.metadata.time[:, None] * reach)),)
 
 
 @dataclass(frozen=True)
@@ -281,9 +291,10 @@ class TipShape(LinearEffect):
 
     name = 'tip_shape'
     parameters = (
-        Parameter('a', 'm', 1e-3, 'radius along link 2 beyond the mean', typical=4e-5),
-        Parameter('b', 'm', 1e-3, 'the same at a quarter of a wave from link 2', typical=-3e-5),
+        AnisotropicBacklash.parameters[0]._replace(meaning='radius along link 2 beyond the mean'),
+        AnisotropicBacklash.parameters[1]._replace(meaning='the same at a quarter of a wave from link 2'),
     )
+    typical_size = 2e-6  # a ground pin
     statement = 'the tip is {target}, not round'
     confounded_with = (
         'l2 and theta2, of which one lobe is a part, **always**; anisotropic_backlash, if it is oval; each other, if '
@@ -307,6 +318,99 @@ class TipShape(LinearEffect):
         return ('anisotropic_backlash',) if self.lobes == 2 else ()
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        angle = self.lobes * VARIABLES['direction_from_link2'].axis(at).values[:, None]
+        angle = self.lobes * angle_from_link2(at)[:, None]
         cosine, sine, n, t = np.cos(angle), np.sin(angle), at.normal, self.lobes * at.tangent
-        return tuple(Shift(place=at.across_edges(part)) for part in (cosine * n - sine * t, sine * n + cosine * t))
+        return moved(at, cosine * n - sine * t, sine * n + cosine * t)
+
+
+class SensorBias(SensorEffect):
+    """The sensor reports F + b, b = (x, y) constant in its frame: what the tare before the touch left, e = b."""
+
+    name = 'sensor_bias'
+    parameters = (
+        Parameter('x', 'N', 3.0, 'reported too much along x of the sensor', typical=1.0),
+        Parameter('y', 'N', 3.0, 'reported too much along y of the sensor', typical=-0.7),
+    )
+    typical_size = 0.05  # drift of a strain-gauge sensor between tare and hold
+    statement = 'the force sensor has a zero offset'
+    confounded_with = 'the places of the discs, if each is touched from one side or with one force only'
+    identified_by = 'touches from all sides of the discs, some of them with little force'
+    plot_variable = 'direction'
+
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
+        return np.full(force.shape, values)
+
+
+class SensorRotation(SensorEffect):
+    """The sensor reports R(angle) F: e = (R(angle) - I) F."""
+
+    name = 'sensor_rotation'
+    parameters = (Parameter('angle', 'rad', SHARE, 'by which reported forces are turned', typical=SHARE),)
+    typical_size = 2e-3  # a flange with pins
+    statement = 'the force sensor is rotated about its axis'
+    confounded_with = 'contact friction, if the tip slides the same way in all touches'
+    identified_by = 'touches that slide in both directions: preload every other touch'
+    plot_variable = 'direction'
+    declared_as = 'force_rotation'
+
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
+        c, s = np.cos(values[0]) - 1, np.sin(values[0])
+        return np.array([c * force[:, 0] - s * force[:, 1], s * force[:, 0] + c * force[:, 1]]).T
+
+    def sensor_error_derivative(
+        self, force: Floats, values: Floats, metadata: TouchMetadata | None = None
+    ) -> tuple[Floats, ...]:
+        c, s = np.cos(values[0]), np.sin(values[0])
+        return (np.array([-s * force[:, 0] - c * force[:, 1], c * force[:, 0] - s * force[:, 1]]).T,)
+
+
+class SensorNonlinearity(SensorEffect):
+    """The sensor reports (1 + rate · ‖F‖) F: its gain grows with the force, or falls, e = rate ‖F‖ F.
+
+    A gain that is wrong alike at all forces scales all compliances and can never be identified.
+    """
+
+    name = 'sensor_nonlinearity'
+    parameters = (
+        Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it', typical=1e-3),
+    )
+    typical_size = 1e-4  # 0.4 % of 40 N
+    statement = 'the gain of the force sensor depends on the force'
+    confounded_with = (
+        'the compliances, if all forces are alike; the law of the contact and the hardening of joints, if the force '
+        'levels are few'
+    )
+    identified_by = 'touches at many force levels, from very small to large, at many places'
+    plot_variable = 'magnitude'
+
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
+        return np.asarray(values[0] * (np.hypot(force[:, 0], force[:, 1])[:, None] * force))
+
+
+class SensorCrossTalk(SensorEffect):
+    """The sensor reports (I + A) F in its own frame, e = A F with A = [[gain/2, xy], [yx, -gain/2]].
+
+    That is every 2×2 matrix but for a gain common to both axes, which is an exact alias: all compliances are smaller
+    by it. A rotation by a small angle r is xy = -r, yx = r; where only that is there, it is called `sensor_rotation`.
+    """
+
+    name = 'sensor_cross_talk'
+    parameters = (
+        Parameter('gain', '1', SHARE, 'gain of x less that of y', typical=0.02),
+        Parameter('xy', '1', SHARE, 'part of the force along y that is added to x', typical=0.015),
+        Parameter('yx', '1', SHARE, 'part of the force along x that is added to y', typical=-0.01),
+    )
+    typical_size = 2e-3  # calibrated six-axis sensors: 0.2 to 1 %
+    statement = 'the force sensor has cross-talk or unequal gains'
+    confounded_with = (
+        'all compliances, by a gain common to both axes, **always**; sensor_rotation, if the forces have few '
+        'directions in the frame of the sensor'
+    )
+    identified_by = 'forces from all directions in the frame of the sensor, slid in both directions'
+    plot_variable = 'direction'
+    is_linear = True
+    special_cases = ('sensor_rotation',)
+
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
+        gain, xy, yx = values
+        return np.asarray(force @ np.array([[gain / 2, yx], [xy, -gain / 2]]))

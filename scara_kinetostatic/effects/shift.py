@@ -1,7 +1,8 @@
-"""Something that shifts at a moment: the base, a disc, the tool, the zero of a joint or of the force sensor.
+"""What changes while the touches are recorded: links and zeros of joints that drift with time; something that shifts at
+a moment, the base, a disc, the tool, the zero of a joint or of the force sensor.
 
-The moment lies between two touches, in the order of time over all recordings. It is searched over all pairs of
-neighbours, and as nothing changes between two of them, a fit holds it (`Effect.is_stepwise`).
+The moment of a **shift** lies between two touches, in the order of time over all recordings. It is searched over all
+pairs of neighbours, and as nothing changes between two of them, a fit holds it (`Effect.is_stepwise`).
 
 What the calibration estimates anyway, base, joints and tool, is estimated as it is after the moment, which is how the
 robot is now. What the cell description states, discs and the sensor's zero, is taken to be right before it.
@@ -11,24 +12,79 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Effect, JointEffect, LinearEffect, Trial, unit_vectors
+from scara_kinetostatic.effects.base import (
+    ANGLE,
+    FINER,
+    LENGTH,
+    Effect,
+    JointEffect,
+    LinearEffect,
+    Trial,
+    moved,
+    unit_vectors,
+)
 from scara_kinetostatic.effects.objects import ObjectPosition
-from scara_kinetostatic.effects.sensor import SensorBias
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.effects.robot import SensorBias
+from scara_kinetostatic.model.arrays import Floats, over_arrays, pick
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 
 
-class _Texts:
-    """What all shifts have in common."""
+class LinkGrowth(LinearEffect):
+    """Both links grow with time t since the start of the recording: d = rate t (l1 u + l2 v).
+
+    u and v are the directions of the links; l1 and l2 are the lengths at the start.
+    """
+
+    name = 'thermal_drift'
+    parameters = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),)
+    typical_size = 1e-8  # 6 µrad, or 6 µm per metre, in ten minutes: 0.5 K of steel, 1.15e-5 per K
+    statement = 'the links grow with time'
+    confounded_with = 'places, postures or forces that change in the same order as time goes on'
+    identified_by = 'the same touches again later, after a warm-up and after a rest'
+    plot_variable = 'time'
+    force_dependence = ForceDependence.NONE
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
+        return moved(at, at.metadata.time[:, None] * reach)
+
+
+class ZeroDrift(JointEffect):
+    """The zero of a joint drifts with time t since the start of the recording: δ = -rate t.
+
+    The true angle is q + rate t: it is as if the offset theta of the joint grew.
+    """
+
+    name = 'thermal_drift'
+    parameters = (LinkGrowth.parameters[0]._replace(unit='rad/s', meaning='growth of the true angle'),)
+    typical_size = LinkGrowth.typical_size
+    statement = 'the zero of {target} drifts with time'
+    confounded_with = LinkGrowth.confounded_with
+    identified_by = LinkGrowth.identified_by
+    plot_variable = 'time'
+    force_dependence = ForceDependence.NONE
+
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
+        return (-at.metadata.time,)
+
+
+class _Shifting:
+    """What may shift, and what all shifts have in common; the catalogue has it as a part of `Stepped` alone.
+
+    Attributes:
+        is_estimated: whether the calibration estimates it anyway, as it is after the moment.
+    """
 
     name = 'shift'
+    is_estimated: ClassVar[bool] = False
     confounded_with = (
         'a drift, if the touches before and after the moment are few; another shift, if only one disc is touched or '
         'the touches go from disc to disc'
@@ -36,57 +92,73 @@ class _Texts:
     identified_by = 'the same touches again, on all discs, before and after the moment'
     plot_variable = 'touch'
 
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return ()
 
-class BaseMove(_Texts, LinearEffect):
+
+class BaseMove(_Shifting, LinearEffect):
     """The base moves by (x, y): d = (x, y)."""
 
     statement = 'the base shifted during the recording'
+    typical_size = 3e-6  # fastened
     parameters = (
-        Parameter('x', 'm', 1e-3, 'movement along x', typical=1e-4),
-        Parameter('y', 'm', 1e-3, 'movement along y', typical=-5e-5),
+        Parameter('x', 'm', LENGTH, 'movement along x'),
+        Parameter('y', 'm', LENGTH, 'movement along y', typical=-5e-5),
     )
+    is_estimated = True
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(Shift(place=at.across_edges(unit)) for unit in unit_vectors(len(at.normal)))
+        return moved(at, *unit_vectors(len(at.normal)))
 
 
-class ToolMove(_Texts, LinearEffect):
+class ToolMove(_Shifting, LinearEffect):
     """The tip moves at the end of link 2 by (x, y): d = x v + y R90 v, v the direction of link 2."""
 
     statement = 'the tool shifted during the recording'
+    typical_size = BaseMove.typical_size
     parameters = (
-        Parameter('x', 'm', 1e-3, 'movement along link 2', typical=8e-5),
-        Parameter('y', 'm', 1e-3, 'movement across link 2', typical=5e-5),
+        Parameter('x', 'm', LENGTH, 'movement along link 2', typical=8e-5),
+        Parameter('y', 'm', LENGTH, 'movement across link 2', typical=5e-5),
     )
+    is_estimated = True
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(Shift(place=at.across_edges(unit)) for unit in (at.link2, quarter_turn(at.link2)))
+        return moved(at, at.link2, quarter_turn(at.link2))
 
 
-class ZeroMove(_Texts, JointEffect):
+class ZeroMove(_Shifting, JointEffect):
     """The true angle of a joint grows against the reported one: δ = -angle."""
 
     statement = 'the zero of {target} shifted during the recording'
-    parameters = (Parameter('angle', 'rad', 1e-3, 'growth of the true angle', typical=1e-4),)
+    parameters = (Parameter('angle', 'rad', ANGLE, 'growth of the true angle'),)
+    typical_size = 5e-6  # an encoder that keeps its zero
+    is_estimated = True
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.full(len(at.joints), -1.0),)
 
 
-class DiscMove(ObjectPosition):
+class DiscMove(_Shifting, ObjectPosition):
     """A disc moves by (x, y)."""
 
     statement = '{target} shifted during the recording'
+    typical_size = BaseMove.typical_size
 
 
-class SensorMove(SensorBias):
+class SensorMove(_Shifting, SensorBias):
     """The zero of the force sensor changes by (x, y)."""
 
     statement = 'the zero of the force sensor shifted during the recording'
+    typical_size = 3e-2  # as its drift
+
+
+_LONGEST_GRID = 160
+"""Moments that are tried at first."""
 
 
 @dataclass(frozen=True)
-class Stepped(_Texts, Effect):
+class Stepped(_Shifting, Effect):
     """Another effect, linear in its parameters, that begins or ends at a moment, in steps from touch to touch.
 
     - The **base** moves by (x, y): d = -(x, y) before the moment; x0 and y0 are the place after it. A base that turns
@@ -102,7 +174,7 @@ class Stepped(_Texts, Effect):
         effect: what begins or ends; its parameters are these, before the moment.
     """
 
-    effect: Effect = field(default_factory=BaseMove)
+    effect: BaseMove | ToolMove | ZeroMove | DiscMove | SensorMove = field(default_factory=BaseMove)
 
     grid_parameter = 'moment'
     is_stepwise = True
@@ -122,6 +194,11 @@ class Stepped(_Texts, Effect):
         return self.effect.statement
 
     @property
+    def typical_size(self) -> float | tuple[float, ...] | None:  # type: ignore[override]
+        """As of the effect."""
+        return self.effect.typical_size
+
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """Those of the effect, and the moment."""
         between = 'between the touches of these numbers, in the order of time'
@@ -132,17 +209,13 @@ class Stepped(_Texts, Effect):
         """As of the effect."""
         return self.effect.on_object
 
-    @property
-    def acts_before(self) -> bool:
-        """Whether it acts before the moment, with the opposite sign: then what is estimated holds after it."""
-        return isinstance(self.effect, (BaseMove, ToolMove, ZeroMove))
-
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        return self._weighted(self.effect.shift(at, values[:-1]), at, values[-1])
+        return _times(self._weight(at.metadata, len(at.magnitude), values[-1]), self.effect.shift(at, values[:-1]))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        parts = [self._weighted(part, at, values[-1]) for part in self.effect.derivative(at, values[:-1])]
-        return (*parts, Shift(*(None if one is None else 0.0 * one for one in parts[0])))
+        weight = self._weight(at.metadata, len(at.magnitude), values[-1])
+        parts = [_times(weight, part) for part in self.effect.derivative(at, values[:-1])]
+        return (*parts, _times(0.0, parts[0]))
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats | None:
         error = self.effect.sensor_error(force, values[:-1], metadata)
@@ -164,22 +237,25 @@ class Stepped(_Texts, Effect):
 
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """One per moment of a grid, with three touches or more before and after it."""
-        return self._at(at, force, self._moments(at)[:: self._stride(at)])
+        moments, step = self._moments(at)
+        return self._at(at, force, moments[::step])
 
     def forms(self, at: TouchState) -> Sequence[Floats]:
         """After each third of its touches."""
-        moments = self._moments(at)
+        moments, _ = self._moments(at)
         thirds = moments[[len(moments) // 3, 2 * len(moments) // 3]] if len(moments) else ()
         return [np.append(np.zeros(len(self.effect.parameters)), moment) for moment in thirds]
 
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
-        """The moments between a trial and its neighbours of the grid, 13 or a few more; none where the grid has all."""
-        moments, step = self._moments(at), self._stride(at)
+        """The moments between a trial and its neighbours of the grid, `FINER` or a few more; none where the grid has
+        all.
+        """
+        moments, step = self._moments(at)
         if step == 1:
             return ()
         k, reach = int(np.argmin(np.abs(moments - trial.place))), max(int(np.ceil(width * step)), 1)
         near = moments[max(k - reach, 0) : k + reach + 1]
-        return self._at(at, at.force, near[:: 1 + (len(near) - 1) // 13])
+        return self._at(at, at.force, near[:: 1 + (len(near) - 1) // FINER])
 
     def _weight(self, metadata: TouchMetadata | None, n: int, moment: Floats | float) -> Floats:
         """-1 before a moment and 0 after it, or 0 and 1, (n, 1), of moments (t, 1) each, (t, n, 1); touches of unknown
@@ -187,38 +263,32 @@ class Stepped(_Texts, Effect):
         """
         order = None if metadata is None else metadata.order
         before = ((np.full(n, np.inf) if order is None else order) < moment).astype(float)
-        return np.asarray(-before if self.acts_before else 1 - before)[..., None]
+        return np.asarray(-before if self.effect.is_estimated else 1 - before)[..., None]
 
-    def _weighted(self, shift: Shift, at: TouchState, moment: Floats | float) -> Shift:
-        weight = self._weight(at.metadata, len(at.magnitude), moment)
-        return Shift(*(None if part is None else weight * part for part in shift))
-
-    def _moments(self, at: TouchState) -> Floats:
-        """All moments between two neighbours of the touches that it acts on; fewer than three touches are outliers."""
+    def _moments(self, at: TouchState) -> tuple[Floats, int]:
+        """All moments between two neighbours of the touches that it acts on; fewer than three touches are outliers. And
+        every how many the grid has one: it has about `_LONGEST_GRID` at most, between them the search refines.
+        """
         order = at.metadata.order
         if order is None:
-            return np.empty(0)
+            return np.empty(0), 1
         acts = np.sort(order[self.acts_on(at)]).astype(float)
         between = (acts[1:] + acts[:-1]) / 2
-        return np.asarray(between[2 : len(between) - 2])
-
-    def _stride(self, at: TouchState) -> int:
-        """Every how many moments the grid has one: it has about 160 at most, between them the search refines."""
-        return 1 + len(self._moments(at)) // 160
+        moments = between[2 : len(between) - 2]
+        return moments, 1 + len(moments) // _LONGEST_GRID
 
     def _at(self, at: TouchState, force: Floats, moments: Floats) -> Sequence[Trial]:
         """A trial for each moment; where there is none, one that cannot be told from the base model."""
-        moments = moments if len(moments) else np.array([0.0 if self.acts_before else np.inf])
+        moments = moments if len(moments) else np.array([0.0 if self.effect.is_estimated else np.inf])
         still = np.zeros(len(self.effect.parameters))
-        units = [self._weighted(unit, at, moments[:, None]) for unit in self.effect.derivative(at, still)]
         weight = self._weight(at.metadata, len(force), moments[:, None])
-        errors = [weight * error for error in self.effect.sensor_error_derivative(force, still, at.metadata)]
+        units = tuple(_times(weight, unit) for unit in self.effect.derivative(at, still))
+        errors = tuple(weight * error for error in self.effect.sensor_error_derivative(force, still, at.metadata))
         return [
-            Trial(
-                tuple(Shift(*(None if part is None else part[k] for part in unit)) for unit in units),
-                tuple(error[k] for error in errors),
-                partial(np.append, values=moment),
-                moment,
-            )
+            Trial(*pick((units, errors), k), partial(np.append, values=moment), moment)
             for k, moment in enumerate(moments.tolist())
         ]
+
+
+def _times(weight: Floats | float, shift: Shift) -> Shift:
+    return over_arrays(lambda part: weight * part, shift)

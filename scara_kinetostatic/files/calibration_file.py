@@ -14,17 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.effects.undetected import Undetected
-from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.effects.unnamed import Undetected, Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
 from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
@@ -336,7 +335,7 @@ def stored_numbers(values: Any, shape: tuple[int, ...]) -> Floats:
 
 def effect_entry(effect: EffectLaw) -> dict[str, Any]:
     """The effect as plain JSON values; what its cell determines, such as a reference, is left out."""
-    assert isinstance(effect, Effect)
+    effect = cast(Effect, effect)
     values = {item.name: getattr(effect, item.name) for item in fields(effect)}
     plain = {name: v for name, v in values.items() if v is None or isinstance(v, (str, int, float, tuple))}
     stored = {name: list(value) if isinstance(value, tuple) else value for name, value in plain.items()}

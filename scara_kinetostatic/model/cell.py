@@ -351,7 +351,7 @@ class SizeMode(str, Enum):
     ESTIMATED = 'estimated'
     """From the touches, about those of the class of the arm."""
     TYPICAL = 'typical'
-    """Those of the class of the arm (`effects.undetected`)."""
+    """Those of the class of the arm (`effects.base.Effect.size`)."""
     NONE = 'none'
     """There are none but those that are stated."""
 

@@ -19,14 +19,15 @@ from time import monotonic, time_ns
 import numpy as np
 from nav_msgs.msg import Path
 
-from scara_kinetostatic.contour.online import SECOND, OnlineContour
-from scara_kinetostatic.contour.result import NO_RADIUS, Outline, remarks_on
+from scara_kinetostatic.contour.online import OnlineContour
+from scara_kinetostatic.contour.result import NO_RADIUS, Polyline, remarks_on
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import MICRO, MILLI
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import Sample, force_text, path
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
+from scara_kinetostatic.touches.clock import SECOND
 
 
 class ContourTracker(CellNode):
@@ -125,7 +126,7 @@ class ContourTracker(CellNode):
         return self._calibration.condition(complaints, values | _figures(online), 'tracing')
 
 
-def _places(outline: Outline) -> list[tuple[float, float, float]]:
+def _places(outline: Polyline) -> list[tuple[float, float, float]]:
     """The nodes of an outline, with the angle of the direction in which it is run through, the object on its left."""
     ring = outline.ring
     angle = np.arctan2(*np.gradient(ring, axis=0).T[::-1]) if len(ring) > 1 else np.zeros(len(ring))

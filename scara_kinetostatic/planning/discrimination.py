@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks
 from scara_kinetostatic.model.arrays import Floats
@@ -104,7 +103,7 @@ class Rivals(NamedTuple):
         likely = sorted(c.alternatives, key=lambda item: -item.probability)
         columns = () if c.random is None else c.random.columns
         sizes = () if c.random is None else tuple(c.random.size.tolist())
-        effects = tuple(effect for effect in c.model.effects if isinstance(effect, Effect))
+        effects = cast(tuple[Effect, ...], c.model.effects)
         last = float(c.touches.time.max())
         robot = RobotModel(c.cell, c.parameters, c.noise, (), effects, c.model.effect_values, (), columns, sizes, last)
         labels, probability, change, covariance = zip(*likely[:_MOST_SETS], strict=True)
@@ -237,7 +236,7 @@ class Rivals(NamedTuple):
                 if effect.on_object:
                     what = ' and the '.join(title_of(one.label) for one in group)
                     text = f'measure the {what} again, to {quantity(size, unit)} or better, and correct the cell file'
-                found.append((size / typical_size(effect, 0), text))
+                found.append((size / effect.size(), text))
         remedies = [max(found, key=lambda item: item[0])[1]] if found else []  # of alike the likelier
         names, lengths = self.robot.model.names, list[tuple[float, str]]()
         for name in ('l1', 'l2'):

@@ -29,7 +29,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,7 +212,7 @@ class Planner:
     def robot(self) -> RobotModel:
         """The robot, its effects those found and those undecided."""
         model, cell = self.arm.model, self.arm.cell
-        own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
+        own = cast(tuple[Effect, ...], self.arm.effects)
         declared, labels = RobotModel.of(cell).declared, {effect.label for effect in own}
         known = labels | (set(declared.places if declared else ()) - self.suspected)  # declared, but rather a mistake
         lasting = (effect for effect in catalogue(cell) if effect.is_physical and not effect.is_stepwise)

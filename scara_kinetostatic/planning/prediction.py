@@ -41,7 +41,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import NOISE, uncertainty
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.effects.undetected import Column
+from scara_kinetostatic.effects.unnamed import Column
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.gaussian.linear_model import leverage

@@ -11,7 +11,7 @@ from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.effects.contact_friction import ContactFriction, OffNormalForce
+from scara_kinetostatic.effects.objects import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Noise

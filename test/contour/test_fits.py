@@ -13,7 +13,7 @@ from contour.slides import SQUARE, arm, slides, traced
 
 from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape
 from scara_kinetostatic.contour.report import contour_report, fit_sections
-from scara_kinetostatic.contour.result import COLUMNS, Outline, csv_text, dxf_text, svg_text
+from scara_kinetostatic.contour.result import COLUMNS, Polyline, csv_text, dxf_text, svg_text
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
@@ -161,7 +161,7 @@ def test_the_division_is_that_of_least_cost():
         np.column_stack([0.02 - side, zero + 0.02]), np.column_stack([zero, 0.02 - side]),
     ])  # fmt: skip
     for shift in (0, 17):
-        outline = Outline(np.roll(ring, shift, axis=0), np.ones((160, 2)), np.full(160, 5e-6), closed=True)
+        outline = Polyline(np.roll(ring, shift, axis=0), np.ones((160, 2)), np.full(160, 5e-6), closed=True)
         pieces = divided(outline)
         assert not any(is_arc for _, is_arc in pieces)
         assert all(39 <= len(nodes) <= 41 for nodes, _ in pieces)
@@ -169,7 +169,7 @@ def test_the_division_is_that_of_least_cost():
         assert sorted(np.concatenate([nodes for nodes, _ in divided(outline, 40)])) == list(range(160))
     bent = ring[:80] + 0.0
     bent[40:] = np.column_stack([side + 0.02, 0.0015 * side])
-    whole = Outline(bent, np.ones((80, 2)), np.full(80, 1.0), closed=False)
+    whole = Polyline(bent, np.ones((80, 2)), np.full(80, 1.0), closed=False)
     assert len(divided(whole)) == 1, 'within the uncertainty of the nodes'
 
 

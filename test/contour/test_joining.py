@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scara_kinetostatic.contour.result import Outline, Stretch, join_passes
+from scara_kinetostatic.contour.result import Polyline, Stretch, join_passes
 
 RADIUS, STEP, NOISE = 0.06, 2.5e-4, 5e-6
 TURN = 2 * np.pi * RADIUS
@@ -20,7 +20,7 @@ def stretch(begin: float, end: float, seed: int = 0, radius: float = RADIUS) -> 
     return Stretch(away[:, None] * normal, normal, np.full(count, 2 * NOISE), np.full(count, NOISE))
 
 
-def check(outlines: tuple[Outline, ...], closed: bool, turns: float) -> None:
+def check(outlines: tuple[Polyline, ...], closed: bool, turns: float) -> None:
     (outline,) = outlines
     assert outline.closed is closed
     assert outline.length == pytest.approx(turns * TURN, rel=2e-3)

@@ -10,7 +10,7 @@ from contour.slides import AROUND, CELL, DISC, SQUARE, arm, rested, since, slide
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
-from scara_kinetostatic.contour.result import Outline
+from scara_kinetostatic.contour.result import Polyline
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.interface import compensate
@@ -47,7 +47,7 @@ def fed(streams: Streams, every: float = 0.5) -> OnlineContour:
     return online
 
 
-def check(outline: Outline, turns: float, error: float, rel: float = 0.01) -> None:
+def check(outline: Polyline, turns: float, error: float, rel: float = 0.01) -> None:
     """Of a part of the disc."""
     assert outline.length == pytest.approx(turns * AROUND, rel=rel)
     assert rms(normal_error(DISC, outline.points)) < error

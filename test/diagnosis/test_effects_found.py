@@ -29,7 +29,7 @@ from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.advice import unknown_history
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata

@@ -21,7 +21,6 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
 from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.gaussian.restricted_likelihood import size_prior
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
@@ -125,7 +124,7 @@ def test_an_alias_has_its_declared_size_only():
 
 def test_typical_sizes_are_those_of_the_class_of_the_arm():
     effect = find(CELL, 'transmission_error[joint1]')
-    assert typical_size(effect, 0, ArmClass.DESKTOP) == 5 * typical_size(effect, 0)
+    assert effect.size(0, ArmClass.DESKTOP) == 5 * effect.size()
     stds = [mixed(declaring(CELL, sizes=SizeMode.TYPICAL, arm=arm)).std for arm in ArmClass]
     assert np.all(stds[0] < stds[1])
     assert np.all(stds[1] < stds[2])
@@ -152,7 +151,7 @@ def test_the_sizes_come_from_the_touches(factor, limits):
     """Of a robot without errors they are smaller than typical, of one with large ones larger."""
     effects = tuple(effect for effect in catalogue(CELL) if not (effect.is_stepwise or effect.grid_parameter))
     signs = iter(np.resize([1, -1, -1], 200).tolist())
-    values = tuple(tuple(factor * next(signs) * typical_size(e, k) for k in range(len(e.start))) for e in effects)
+    values = tuple(tuple(factor * next(signs) * e.size(k) for k in range(len(e.start))) for e in effects)
     robot = ExtendedModel(PAPER_ACTUAL, effects, values)
     touches = simulate_touches(CELL, robot, default_plan(CELL, 12, preload=0.3), seed=4)
     model = fit_mixed(calibrate(touches, CELL), catalogue(CELL))

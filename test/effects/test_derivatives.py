@@ -8,7 +8,7 @@ from effects.scenes import EFFECTS, KIND_LABELS, KINDS, LABELS, plausible, rando
 from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_friction import ContactFriction, OffNormalForce
+from scara_kinetostatic.effects.objects import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import pairs
 from scara_kinetostatic.model.contact import ContactProblem, State, all_derivatives, extended_equations, solve_links

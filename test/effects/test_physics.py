@@ -6,28 +6,20 @@ import numpy as np
 import pytest
 from effects.scenes import Scene, random_scene
 
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.effects.joints import (
-    CablePull,
-    EncoderGain,
-    JointCoupling,
-    JointHardening,
-    JointHysteresis,
-    ZeroDrift,
-)
-from scara_kinetostatic.effects.objects import ContactCompliance, ObjectPosition, ObjectRadius
+from scara_kinetostatic.effects.base import STICKING, Effect, slide
+from scara_kinetostatic.effects.joints import CablePull, EncoderGain, JointCoupling, JointHardening, JointHysteresis
+from scara_kinetostatic.effects.objects import ContactCompliance, ContactFriction, ObjectPosition, ObjectRadius
 from scara_kinetostatic.effects.robot import (
     AnisotropicBacklash,
     AnisotropicGripper,
     BaseCompliance,
     BaseTilt,
     LinkBending,
-    LinkGrowth,
+    SensorBias,
+    SensorRotation,
     TipShape,
 )
-from scara_kinetostatic.effects.sensor import SensorBias, SensorRotation
-from scara_kinetostatic.effects.variables import STICKING, slide
+from scara_kinetostatic.effects.shift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel

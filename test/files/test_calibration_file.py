@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError

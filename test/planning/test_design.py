@@ -12,7 +12,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
-from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.effects.objects import ContactFriction
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
