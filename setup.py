@@ -59,7 +59,7 @@ setup(
     ],
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['**/*.j2', '**/*.css', '**/*.yaml', 'py.typed']},
+    package_data={NAME: ['**/*.j2', '**/*.css', '**/*.csv', '**/*.yaml', 'py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

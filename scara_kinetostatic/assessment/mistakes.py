@@ -33,7 +33,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import TINY, Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
 from scara_kinetostatic.model.joint_law import deflection, joint_torques, rounded_sign
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
@@ -362,7 +362,7 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     """
     p, joints = Parameters.from_array(values[:-1]), _applied((1.0, 0.0, -values[-1], 1.0), r.joints)
     force = rotate(r.force, joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
-    size = np.maximum(np.linalg.norm(force, axis=1), 1e-300)
+    size = np.maximum(np.linalg.norm(force, axis=1), TINY)
     rigid = joint_torques(p, joints, force)
     compliances, backlashes = np.array([[p.p1, p.p2], [p.g1, p.g2]])
     links = joints - deflection(compliances, backlashes, rigid, rounded_sign(rigid, _SIGN_WIDTH))

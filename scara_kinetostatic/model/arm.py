@@ -380,7 +380,7 @@ class Predictor:
         other = {
             'time': still._replace(time=np.ones(1)),
             'approach': still._replace(approach=np.ones((1, 2))),
-            'history': still._replace(history=np.array([[[0.4, 1.1, 2e3, 3e3]]])),
+            'history': still._replace(history=np.array([[[*probe[0], 2e3, 3e3]]])),
         }[name]
         found = []
         for effect, values in zip(model.effects, model.effect_values, strict=True):

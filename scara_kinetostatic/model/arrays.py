@@ -13,6 +13,9 @@ Complexes = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+TINY = float(np.finfo(float).tiny)
+"""Stands for 0 in a denominator or a logarithm."""
+
 _Array = TypeVar('_Array', bound=NDArray[Any])
 T = TypeVar('T')
 

@@ -63,7 +63,7 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, pick, put, unit_vectors
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.joint_law import Four, Pull, deflection, inverse_of_derivative, pull_of
+from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
@@ -305,7 +305,7 @@ class Rows(NamedTuple):
         row: residuals, rad, or m where the joint floats.
         weight: how strongly a row feels its lever arm: p f on a flank, 1 where the joint floats.
         on: 1 where the joint rests on a flank, 0 where it floats.
-        inverse: M⁻¹ by rows, (n,) each.
+        inverse: M⁻¹, (2, 2, n).
         pulled: how strongly a row feels the torque of gravity, 1/N m, (2, n): p on a flank, 1 / f where the joint
             floats; and the pull; None without gravity.
     """
@@ -315,13 +315,12 @@ class Rows(NamedTuple):
     row: Floats
     weight: Floats
     on: Floats
-    inverse: Four
+    inverse: Floats
     pulled: tuple[Floats, Pull] | None = None
 
-    def step(self, left: Floats) -> tuple[Floats, Floats]:
+    def step(self, left: Floats) -> Floats:
         """M⁻¹ times what is left of the rows, (2, n)."""
-        i11, i12, i21, i22 = self.inverse
-        return i11 * left[0] + i12 * left[1], i21 * left[0] + i22 * left[1]
+        return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, arm: Arm | None = None) -> Rows:
@@ -337,7 +336,8 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, arm: Arm | 
         load, turn = state.magnitude * load + pull.torque, state.magnitude * turn + pull.turn
         weight, pulled = by * state.magnitude, (by, pull)
     row = on * (np.array(state[:2]) - joints.T) + deflection(by, parameters.joint_backlashes, load, mode)
-    return Rows(arm, joints, row, weight, on, inverse_of_derivative(on, by, turn), pulled)
+    inverse = np.array(inverse_of_derivative(on, by, turn)).reshape(2, 2, -1)
+    return Rows(arm, joints, row, weight, on, inverse, pulled)
 
 
 def step_links(
@@ -425,8 +425,7 @@ def touch_equations(parameters: Parameters, problem: ContactProblem, state: Stat
         circle = across(tangent, circle - radii) + radii + edges.aside * seen
         by_f, by_d = across(tangent, by_f + 0j * f), across(tangent, by_d - 1j * radii) + 1j * radii
         by_link = across(tangent, by_link)
-    i11, i12, i21, i22 = rows.inverse
-    g = np.array([by_link[0] * i11 + by_link[1] * i21, by_link[0] * i12 + by_link[1] * i22])
+    g = by_link[0] * rows.inverse[0] + by_link[1] * rows.inverse[1]
     e = Equations(rows, circle, g, (row_f, row_d), (by_f, by_d), tangent=tangent)
     return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs
+from scara_kinetostatic.model.arrays import TINY, Complexes, Floats, Indices, Mask, as_complex, pairs
 
 EDGE_RADIUS = 0.05
 """Radius of the disc that slides along a straight edge, m: weighs the direction of the force in the equations as the
@@ -205,7 +205,7 @@ class Surfaces(NamedTuple):
             length = np.where(edge, halves, 0.0)
             turn = np.where(edge, 0.0, halves)
             share = 0.25 if length.any() and turn.any() else float(turn.any())
-            weight = (1 - share) * length / max(length.sum(), 1e-300) + share * turn / max(turn.sum(), 1e-300)
+            weight = (1 - share) * length / max(length.sum(), TINY) + share * turn / max(turn.sum(), TINY)
             ends = np.cumsum(weight)
             at = angle[here] / (2 * np.pi) % 1.0 * ends[-1]
             k = np.minimum(np.searchsorted(ends, at, side='right'), len(own) - 1)

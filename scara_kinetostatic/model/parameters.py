@@ -29,9 +29,11 @@ _TABLE = (
     ('s1', 'kg m', 'static moment about joint 1, with joint 2 and beyond at the elbow'),
     ('s2', 'kg m', 'static moment about joint 2'),
 )
-NAMES, MOMENTS = tuple(name for name, *_ in _TABLE[:12]), tuple(name for name, *_ in _TABLE[12:])
-"""Those of every arm, and the further ones of an arm that gravity loads in its plane."""
 UNITS = {name: unit for name, unit, _ in _TABLE}
+MOMENTS = ('s1', 's2')
+"""Those that an arm has besides where gravity loads it in its plane."""
+NAMES = tuple(name for name in UNITS if name not in MOMENTS)
+"""Those of every arm."""
 DESCRIPTIONS = {name: description for name, _, description in _TABLE}
 _LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}
 """Largest plausible size of a number by its unit."""
@@ -41,7 +43,9 @@ MOST_GRAVITY = 25.0
 """m/s², about that of Jupiter: no arm has to hold more."""
 MILLI, MICRO, NANO = 1e-3, 1e-6, 1e-9
 """Of a unit."""
-X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
+_LINK, _COMPLIANCE = 0.33, 1e-5
+"""Of the nominal robot of table 1, m, and m/N or rad/Nm."""
+X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(len(NAMES))
 
 
 def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
@@ -55,13 +59,13 @@ def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
 
 def quantity(value: float, unit: str) -> str:
     """A value in SI units with a prefix that fits: `943 µm`, `-12 µm/N`, `3.1 mm`; a small pure number: `30 ppm`."""
-    prefixes: tuple[tuple[str, float], ...] = (('', 1.0), ('m', 1e3), ('µ', 1e6))
+    prefixes: tuple[tuple[str, float], ...] = (('', 1.0), ('m', MILLI), ('µ', MICRO))
     if unit.startswith('1'):  # a pure number, or one per something
-        small = abs(value) < 1e-3
-        prefixes = (('ppm', 1e6),) if small else (('', 1.0),)
+        small = abs(value) < MILLI
+        prefixes = (('ppm', MICRO),) if small else (('', 1.0),)
         unit = unit[1:] if small or unit == '1' else unit
-    prefix, factor = next(((p, f) for p, f in prefixes if abs(value) * f >= 1.0), prefixes[-1])
-    size = value * factor
+    prefix, factor = next(((p, f) for p, f in prefixes if abs(value) >= f), prefixes[-1])
+    size = value / factor
     return (f'{size:.2g} {prefix}{unit}' if abs(size) < 99.5 else f'{size:.0f} {prefix}{unit}').rstrip()
 
 
@@ -91,12 +95,12 @@ class Parameters:
     x0: float = 0.0
     y0: float = 0.0
     theta1: float = 0.0
-    l1: float = 0.33
+    l1: float = _LINK
     theta2: float = 0.0
-    l2: float = 0.33
-    p_ee: float = 1e-5
-    p1: float = 1e-5
-    p2: float = 1e-5
+    l2: float = _LINK
+    p_ee: float = _COMPLIANCE
+    p1: float = _COMPLIANCE
+    p2: float = _COMPLIANCE
     g_ee: float = 0.0
     g1: float = 0.0
     g2: float = 0.0
@@ -211,10 +215,9 @@ class Parameters:
 PAPER_NOMINAL = Parameters()
 """L̄n of table 1."""
 
-PAPER_ACTUAL = Parameters(
-    x0=2.5e-3, y0=-2.2e-3, theta1=-1.7e-3, l1=0.3302, theta2=7.0e-4, l2=0.3298,
-    p_ee=1.1e-5, p1=1.1e-5, p2=1.1e-5, g_ee=9.5e-5, g1=2.9e-4, g2=2.9e-4,
-)  # fmt: skip
+PAPER_ACTUAL = Parameters(2.5e-3, -2.2e-3, -1.7e-3, 0.3302, 7.0e-4, 0.3298, g_ee=9.5e-5).replace(
+    **dict.fromkeys(('p_ee', 'p1', 'p2'), 1.1e-5), **dict.fromkeys(('g1', 'g2'), 2.9e-4)
+)
 """L̄a, the "actual" values of table 2."""
 
 PAPER_MEASURED = PAPER_ACTUAL.replace(p_ee=3.76e-5, p1=3.23e-5, p2=1.08e-4, g_ee=1.299e-4, g1=2.64e-4, g2=2.68e-4)

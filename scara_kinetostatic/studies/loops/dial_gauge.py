@@ -55,7 +55,8 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, Unsupporte
 from scara_kinetostatic.files import tables
 from scara_kinetostatic.files.tables import Field, Sheet, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.studies.loops.record import LEVEL
+from scara_kinetostatic.report.quantities import MICRO
+from scara_kinetostatic.studies.loops.record import LARGEST, LEVEL
 from scara_kinetostatic.studies.loops.selection import UncertainValue
 
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
@@ -116,14 +117,17 @@ class GaugeTable(NamedTuple):
 
 
 COLUMNS = (
-    Field('force', ('force', 'load', 'f'), tables.FORCE, True, largest=1e6),
-    Field('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), tables.LENGTH, True, largest=0.5),
+    Field('force', ('force', 'load', 'f'), tables.FORCE, True, largest=LARGEST['N']),
+    Field(
+        'displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), tables.LENGTH, True,
+        largest=LARGEST['m'],
+    ),
     Field(
         'direction', ('direction', 'angle'), tables.ANGLE, blank=True,
         largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
     ),
     Field('lever', ('lever', 'arm'), tables.LENGTH, blank=True, largest=10.0, positive=True),
-    Field('time', ('time', 't'), tables.TIME, blank=True, largest=1e12),
+    Field('time', ('time', 't'), tables.TIME, blank=True, largest=LARGEST['s']),
     Field('cycle', ('cycle',), blank=True, largest=1e6),
     Field(
         'part', ('part', 'joint'), blank=True,
@@ -580,7 +584,7 @@ def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
     name, found = run.readings.name, []
     for check in run.failed_checks:
-        size = f'{1e6 * check.value:.3g} ± {1e6 * check.std:.2g} µ{check.unit}'.replace(' ± nan', '')
+        size = f'{MICRO * check.value:.3g} ± {MICRO * check.std:.2g} µ{check.unit}'.replace(' ± nan', '')
         found.append(f'{name}: {check.name.replace("_", " ")} of {size} (p = {check.p_value:.2g})')
     if run.outliers:
         where = f'{run.readings.source}: line {", ".join(map(str, run.readings.line[list(run.outliers)]))}'

@@ -25,10 +25,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from scara_kinetostatic.model.arrays import Floats, Mask, correlated_samples
+from scara_kinetostatic.model.arrays import TINY, Floats, Mask, correlated_samples
 from scara_kinetostatic.studies.loops.laws import RecordLaw, Shape, Values, reported
 from scara_kinetostatic.studies.loops.record import MOTION, RecordPath, block_means
 
+_ALIKE = 1e-9
+"""Relative difference below which sums of squares and parameters are the same."""
+_DIGITS = 12
+"""Decimals of a share of the sum of squares that count: the others differ from machine to machine."""
 _STEP = 1e-4
 """Step of the scaled parameters for finite differences."""
 
@@ -149,13 +153,13 @@ def _starts(records: Sequence[FitSamples]) -> list[FittedLaw]:
         square, picked = found[_first_least([square for square, _ in found])]
         begin_at = np.array([each[pick] for each, pick in zip(states, picked, strict=True)])
         starts.append(FittedLaw(law, dict(shape), begin_at, square))
-    return sorted(starts, key=lambda start: round(start.square, 12))
+    return sorted(starts, key=lambda start: round(start.square, _DIGITS))
 
 
 def _amplitudes(gram: Floats) -> Floats:
     """Least-squares amplitudes a ≥ 0, (k,), from the Gram matrix of (B, y), (k + 1, k + 1)."""
     wide = len(gram) - 1
-    scale = np.sqrt(np.maximum(np.diagonal(gram)[:wide], 1e-300))
+    scale = np.sqrt(np.maximum(np.diagonal(gram)[:wide], TINY))
     root = np.linalg.cholesky(gram[:wide, :wide] / np.outer(scale, scale) + 1e-12 * np.eye(wide))
     return np.asarray(nnls(root.T, np.linalg.solve(root, gram[:wide, wide] / scale))[0] / scale)
 
@@ -167,7 +171,7 @@ def _alternate(grids: Sequence[Floats], begin: Sequence[int]) -> tuple[float, li
     for _ in range(12):
         total = np.sum([grid[pick] for grid, pick in zip(grids, picked, strict=True)], axis=0)
         vector = np.append(-_amplitudes(total), 1.0)
-        squares = [np.round(np.einsum('i,sij,j->s', vector, grid, vector) / whole, 12) for grid in grids]
+        squares = [np.round(np.einsum('i,sij,j->s', vector, grid, vector) / whole, _DIGITS) for grid in grids]
         new, square = [int(each.argmin()) for each in squares], float(sum(each.min() for each in squares))
         if new == picked:
             break
@@ -216,7 +220,7 @@ class _Problem:
         if not len(first):
             return first
         lower, upper = self.bounds
-        start = np.clip(first, lower + 1e-9, upper - 1e-9)
+        start = np.clip(first, lower + _ALIKE, upper - _ALIKE)
         scale = float(np.linalg.norm(self.residual(start))) or 1.0
         is_shape = np.arange(len(first)) < len(self._scales)
         penalty = np.diag(np.where(is_shape, 1e-5 / np.maximum(np.abs(first), 1e-3), 1e-3))
@@ -227,8 +231,8 @@ class _Problem:
             bounds=self.bounds,
             x_scale='jac',
             max_nfev=60,
-            ftol=1e-9,
-            xtol=1e-9,
+            ftol=_ALIKE,
+            xtol=_ALIKE,
             gtol=None,
         )
         return np.asarray(found.x)
@@ -241,7 +245,7 @@ class _Problem:
             for change in step * np.concatenate([np.eye(len(scaled)), -np.eye(len(scaled))]):
                 tried = np.clip(scaled + change, *self.bounds)
                 new = self._square(tried)
-                if new < square * (1 - 1e-9):
+                if new < square * (1 - _ALIKE):
                     scaled, square = tried, new
             step = step / 4 if square == before else step
         return scaled
@@ -308,7 +312,7 @@ def predict(fitted: FittedLaw, path: RecordPath, known: Mask, states: int = 41) 
         off = path.driven - np.stack([evaluate(fitted, path, state) for state in grid.tolist()])
         zeros = off[:, known].mean(axis=1)
         off -= zeros[:, None]
-        squares = np.maximum((off[:, known] ** 2).sum(axis=1), 1e-300)
+        squares = np.maximum((off[:, known] ** 2).sum(axis=1), TINY)
         best = off[int(squares.argmin())][known]
         count = effective_count(block_means(best, path.long_block(len(best))), 0.0)
         weights = (squares / squares.min()) ** (-count / 2)

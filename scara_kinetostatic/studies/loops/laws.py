@@ -48,6 +48,8 @@ from scara_kinetostatic.model.touch import LARGEST_RATIO
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 
 Values = Mapping[str, float]
+_BAND, _CLOSER, _FRICTIONS = 4.0, (0.01, 0.03), (0.04, 0.1, 0.2, 0.35)
+"""Standard deviations of the load at rest beyond which its sign is certain; where fits start: `Shape.starts`."""
 Columns = Callable[[RecordPath, Values], tuple[Floats, ...]]
 PARAMETERS = {
     'zero': ('zero of the {response}', 'm'),
@@ -148,7 +150,7 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
     return (beyond_gap(held + (rising - falling) / 2, half_gap),)
 
 
-_SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (0.01, 0.03, 0.08, 0.2), 0.0))
+_SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (*_CLOSER, 0.08, 0.2), 0.0))
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
 BACKLASH = RecordLaw(
     'backlash', 'backlash', 'law (6): slope and gap',
@@ -202,20 +204,20 @@ def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
     return path.driver, *(path.play_operator(load, values['state']) for load in loads.tolist())
 
 
-LOAD_BACKLASH = BACKLASH._replace(amplitudes=('compliance', 'half_gap'), shape=(), columns=_gap_that_returns(4.0))
+LOAD_BACKLASH = BACKLASH._replace(amplitudes=('compliance', 'half_gap'), shape=(), columns=_gap_that_returns(_BAND))
 _GAP = RecordLaw(
     'gap', 'gap', 'gap that keeps its place when unloaded',
-    LOAD_BACKLASH.amplitudes, (), _gap_that_stays(4.0), True,
+    LOAD_BACKLASH.amplitudes, (), _gap_that_stays(_BAND), True,
 )  # fmt: skip
 _FRICTION = RecordLaw(
     'friction', 'friction', 'friction in parallel',
     LOAD_BACKLASH.amplitudes,
-    (Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0), Shape('rounding', (0.01, 0.03, 0.1), most=1.0)),
+    (Shape('friction', _FRICTIONS, most=3.0), Shape('rounding', (*_CLOSER, 0.1), most=1.0)),
     _friction, True,
 )  # fmt: skip
 _SLIP = RecordLaw(
     'slip', 'slip', 'slip in series with memory',
-    ('compliance', 'slip_compliance'), (Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0),),
+    ('compliance', 'slip_compliance'), (Shape('slip_load', (*_FRICTIONS, 0.55, 0.8), most=3.0),),
     _slips, True,
 )  # fmt: skip
 LOAD_LAWS = (
@@ -240,8 +242,8 @@ FAMILIES = {
     LOAD: (
         # law (6) says nothing of a joint without load: what these records show of it there decides between the forms,
         # by the standard deviations of the load at rest up to which it has no certain sign, or counts as none
-        tuple(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (4.0, 8.0, 0.0, None)),
-        tuple(_GAP._replace(columns=_gap_that_stays(band)) for band in (4.0, 8.0, 16.0)),
+        tuple(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (_BAND, 2 * _BAND, 0.0, None)),
+        tuple(_GAP._replace(columns=_gap_that_stays(band)) for band in (_BAND, 2 * _BAND, 4 * _BAND)),
         LOAD_LAWS,
     ),
 }

@@ -414,7 +414,7 @@ _KINDS = {
     'time': (('time', 't'), {'s': tables.TIME}),
 }
 """What a column may be called where none is chosen, and its units by SI unit."""
-_LARGEST = {'m': 0.5, 'rad': 100.0, 'N': 1e6, 'Nm': 1e6, 's': 1e12}
+LARGEST = {'m': 0.5, 'rad': 100.0, 's': 1e12, **dict.fromkeys(('N', 'Nm'), 1e6)}
 """The largest plausible size by SI unit."""
 
 
@@ -434,7 +434,7 @@ def _choose(table: Sheet, kind: str, chosen: str | None) -> tuple[str, str, Plac
             if unit in factors:
                 fitting.append(heading)
                 if heading == chosen.strip() if chosen is not None else word.lower() in words:
-                    place = Place(Field(kind, (), largest=_LARGEST[si]), number, factors[unit])
+                    place = Place(Field(kind, (), largest=LARGEST[si]), number, factors[unit])
                     found.append((heading, si, place))
     if len(found) == 1:
         return found[0]

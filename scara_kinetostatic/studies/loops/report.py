@@ -15,7 +15,16 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
+from scara_kinetostatic.report.quantities import (
+    NOT_DETERMINED,
+    PERCENT,
+    Scale,
+    chance,
+    count,
+    p_equals,
+    scale_of,
+    shown,
+)
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, block_means
@@ -130,7 +139,7 @@ def hysteresis_report(
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     if other:
-        one, two = (f'{100 * max(each.final_share for each in some):.2g} %' for some in (selections, other))
+        one, two = (f'{PERCENT * max(each.final_share for each in some):.2g} %' for some in (selections, other))
         what += f' Nothing states what drives; held out, the law errs by {one} of the range, {two} as driven by their '
         what += f'{other[0].study.driven_by} (--driven decides).'
     records = [record for each in selections for record in each.study.records]
@@ -150,8 +159,8 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit, held_out = 100 * min(selection.detectable, 1.0), _held_out(selection)
-    share = f'That is {100 * selection.share_of_range:.2g} % of the range.'
+    limit, held_out = PERCENT * min(selection.detectable, 1.0), _held_out(selection)
+    share = f'That is {PERCENT * selection.share_of_range:.2g} % of the range.'
     errors = f'{held_out}, the error of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
@@ -313,7 +322,7 @@ def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
     if path.driven_by == MOTION:
         driver, driven, measured = driven, driver, path.driven
     across, up = _scale(float(np.ptp(path.driver)), driver[1]), _scale(float(np.ptp(measured)), driven[1])
-    figure, (axes,) = new_figure(450.0, 300.0, margins=Margins(left=64, right=8, bottom=74, top=12))
+    figure, (axes,) = new_figure(HALF, 300.0, margins=Margins(left=64, right=8, bottom=74, top=12))
     xlabel, ylabel = (f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up)))
     axes.set(xlabel=xlabel, ylabel=ylabel)
     block = -(-len(measured) // 1000)
@@ -325,9 +334,9 @@ def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
     return as_svg(figure, name, record.words(f'{driven[0]} over {driver[0]}, measured and predicted'))
 
 
+HALF, _HEIGHT = 450.0, 400.0
+"""Width of a figure beside another, and height of one of a part, pixels."""
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
-HALF = 450.0
-"""Width of a figure beside another, pixels."""
 
 
 def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
@@ -406,7 +415,7 @@ def _run_table(part: dial_gauge.Part) -> Table:
     for run in part.runs:
         turn, failed = np.degrees(run.readings.direction), [check.name for check in run.failed_checks]
         direction = NOT_DETERMINED if np.isnan(turn) else f'{turn:.5g}'
-        fit = f'{1e6 * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
+        fit = f'{MICRO * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
         rows.append((direction, *_cells(run), *fit, ', '.join(failed).replace('_', ' ') or 'ok'))
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
     return Table(heading, ('°', '', '', '', 'µm', '', ''), tuple(rows))
@@ -416,7 +425,7 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
     for what, isotropy in part.combined.items() if part.over_direction else ():
-        values, unit = [1e6 * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
+        values, unit = [MICRO * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
         word = 'depends on the direction' if isotropy.p_value < LEVEL else 'is equal in all directions'
         found.append(f'The {what} {word} ({p_equals(isotropy.p_value)}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
@@ -437,7 +446,7 @@ def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
 
 def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
     """Compliance or gap over the direction, with two standard deviations (figures 4(b) and 4(c))."""
-    figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
+    figure, found = new_figure(HALF, _HEIGHT, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
     middle = getattr(part, what)
@@ -461,7 +470,7 @@ def force_picture(run: dial_gauge.Run, name: str) -> Markup:
         run: what to show.
         name: identifier of the picture on the page.
     """
-    figure, (above, below) = new_figure(HALF, 400, rows=2, sharex=True, height_ratios=(3.2, 1))
+    figure, (above, below) = new_figure(HALF, _HEIGHT, rows=2, sharex=True, height_ratios=(3.2, 1))
     force, displacement, fit = run.readings.force, MICRO * run.readings.displacement, run.fit
     above.plot(force[~fit.used], displacement[~fit.used], 'o', ms=4, mfc=PAPER, mec=FAINT)
     offsets = []

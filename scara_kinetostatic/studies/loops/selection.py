@@ -60,7 +60,7 @@ import numpy as np
 from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.model.arrays import TINY, Floats, Mask, rms
 from scara_kinetostatic.studies.loops.fit import (
     FitSamples,
     FittedLaw,
@@ -73,7 +73,7 @@ from scara_kinetostatic.studies.loops.fit import (
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, RecordLaw
 from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
-_BINS = 16
+_BINS, _ROUNDING = 16, 1e-12
 POWER = 0.9
 _Test = tuple[float, float, float]
 _UNTESTED = float('nan'), 0.0, 0.0
@@ -127,7 +127,7 @@ def _fisher(p_values: Sequence[float]) -> float:
     finite = [p for p in p_values if np.isfinite(p)]
     if len(finite) < 2:
         return finite[0] if finite else float('nan')
-    return float(stats.chi2.sf(-2 * np.log(np.maximum(finite, 1e-300)).sum(), 2 * len(finite)))
+    return float(stats.chi2.sf(-2 * np.log(np.maximum(finite, TINY)).sum(), 2 * len(finite)))
 
 
 def _in_loops(path: RecordPath, residual: Floats) -> tuple[float, dict[str, _Test]]:
@@ -216,7 +216,7 @@ def _difference(before: Floats, after: Floats, tolerance: float) -> _Test:
         return _UNTESTED
     parts = [float(each.var(ddof=1)) / len(each) for each in (before, after)]
     variance = sum(parts) + tolerance**2
-    free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), 1e-300)
+    free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), TINY)
     return _tested(float(after.mean() - before.mean()), variance, min(free, 1e6), len(after))
 
 
@@ -226,7 +226,7 @@ def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> l
     if count < 6 or not np.ptp(residual) > 0:  # two slopes and their scatter
         return [_UNTESTED] * 2
     design = np.column_stack([np.ones(count), load - load.mean(), time - time.mean()])
-    design[:, 1:] /= np.maximum(np.abs(design[:, 1:]).max(axis=0), 1e-300)
+    design[:, 1:] /= np.maximum(np.abs(design[:, 1:]).max(axis=0), TINY)
     beta, _, rank, _ = np.linalg.lstsq(design, residual, rcond=1e-6)
     if rank < 3:
         return [_UNTESTED] * 2
@@ -407,7 +407,7 @@ class Study:
             if path.in_loops:
                 rows = path.scored if self.is_single else ~path.known
                 size = np.bincount(path.sweep[rows], minlength=path.sweeps)
-                tiny, enough = 1e-12 * float(np.ptp(path.driven)) ** 2 * size, size >= FEWEST_ROWS
+                tiny, enough = _ROUNDING * float(np.ptp(path.driven)) ** 2 * size, size >= FEWEST_ROWS
                 squares = (np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) for each in both)
                 better, worse = (each[enough] + tiny[enough] for each in squares)
                 ratios.append(np.log(worse / better))
@@ -426,7 +426,7 @@ class Study:
         norm = float(np.sqrt((total @ total) * (difference @ difference)))
         if not norm > 0 or count <= 3:
             return 1.0
-        correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
+        correlation = min(max(float(total @ difference) / norm, -1 + _ROUNDING), 1 - _ROUNDING)
         return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
 
     def misfit(self, candidate: TestedLaw) -> str:
@@ -438,7 +438,7 @@ class Study:
         for part, path, along, state in parts if self.in_loops and not self.is_single else ():
             own = fit_law([part], candidate.whole._replace(states=np.array([state])), near=True)
             alone, together = rms(predict(own, path, path.known).residual), rms(along.residual)
-            if together > max(2.5 * alone, 0.05 * np.ptp(path.driven)):
+            if together > max(2.5 * alone, MATERIAL * np.ptp(path.driven)):
                 found.append((together / alone, path.record.source))
         if not found:
             return ''
@@ -668,7 +668,7 @@ def select_model(study: Study) -> Selection:
     squares = [sum(float(part @ part) for part in parts) for parts in blocks]
     count = sum(effective_count(part) for part in blocks[int(np.argmin(squares))])
     sizes = np.array([each.law.size for each in (before, *candidates)])
-    bic = count * np.log(np.maximum(squares, 1e-300)) + np.log(count) * sizes
+    bic = count * np.log(np.maximum(squares, TINY)) + np.log(count) * sizes
     found = Selection(study, before, (), None, (), dependence, p_without_memory, dependence, NONE)
     compared, significant = [], False
     for each, own in zip(candidates, bic[1:], strict=True):

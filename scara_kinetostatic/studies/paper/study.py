@@ -44,6 +44,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -54,11 +55,19 @@ from scara_kinetostatic.calibration.fit_point import base_force, force_error, fo
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
+from scara_kinetostatic.model.arrays import TINY, Floats
+from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Cell, GripperSign, Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.parameters import (
+    G_EE,
+    NAMES,
+    P_EE,
+    PAPER_ACTUAL,
+    PAPER_MEASURED,
+    PAPER_NOMINAL,
+    Parameters,
+)
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -72,7 +81,11 @@ from scara_kinetostatic.studies.loops.dial_gauge import (
     analyse_runs,
 )
 
-DIRECTIONS = tuple(np.radians(np.arange(0, 360, 30)).tolist())
+NPC = 12
+"""Points on each disc of figure 3; directions of the loads on the gripper."""
+DIRECTIONS = tuple(np.linspace(0.0, 2 * np.pi, NPC, endpoint=False).tolist())
+STEP, FORCE = 5.0, 40.0
+"""Of the loads of the dial gauge experiments, and f of figure 3, N."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +102,12 @@ class DialGaugeBench:
         noise: of the dial gauge, one standard deviation, m.
     """
 
-    p_ee: float = 3.76e-5
+    p_ee: float = PAPER_MEASURED.p_ee
     gap_major: float = 2.05e-4
     gap_minor: float = 5.49e-5
-    p: tuple[float, float] = (3.23e-5, 1.08e-4)
-    gap: tuple[float, float] = (2.64e-4, 2.68e-4)
-    links: tuple[float, float] = (0.33, 0.33)
+    p: tuple[float, float] = (PAPER_MEASURED.p1, PAPER_MEASURED.p2)
+    gap: tuple[float, float] = (PAPER_MEASURED.g1, PAPER_MEASURED.g2)
+    links: tuple[float, float] = (PAPER_NOMINAL.l1, PAPER_NOMINAL.l2)
     noise: float = 2e-6
 
     def gripper_gap(self, direction: ArrayLike) -> Floats:
@@ -118,9 +131,9 @@ class DialGaugeBench:
 def load_cycles() -> tuple[Floats, Floats, Floats]:
     """Force, N, sense of the last load, and cycle of each row of a run, (n,): cycles with loads in both senses.
 
-    Loads are put on in steps of 5 N, and removed in the reverse order.
+    Loads are put on in steps, and removed in the reverse order.
     """
-    rise, cycles = np.arange(5.0, 41.0, 5.0), 3
+    rise, cycles = STEP * np.arange(1.0, FORCE / STEP + 1), 3
     one = np.concatenate([rise, rise[-2::-1], [0.0]])
     force = np.concatenate([[0.0], np.tile(np.concatenate([one, -one]), cycles)])
     sense = np.concatenate([[0.0], np.tile(np.repeat([1.0, -1.0], len(one)), cycles)])
@@ -211,29 +224,21 @@ def _pseudo_inverse_step(at: _Iterate) -> tuple[Floats, int]:
     rank = int((values > 1e-7 * values[0]).sum())
     scaled = vt[:rank].T @ ((u.T @ at.residual.ravel())[:rank] / values[:rank])
     longest = float(np.abs(scaled).max())
-    return SCALES * scaled * min(1.0, 1.0 / max(longest, 1e-300)), rank
+    return SCALES * scaled * min(1.0, 1.0 / max(longest, TINY)), rank
 
 
-ESTIMATED = Parameters(
-    2.500000e-3, -2.199999e-3, -1.700003e-3, 3.301999e-1, 6.999950e-4, 3.298000e-1,
-    1.100712e-5, 1.100000e-5, 1.100017e-5, 9.528501e-5, 2.900022e-4, 2.899924e-4,
-)  # fmt: skip
-"""Table 2, "estimated values"."""
-
-ESTIMATED_FROM_NOISE = Parameters(
-    2.499527e-3, -2.202042e-3, -1.7480221e-3, 3.301951e-1, 7.120833e-4, 3.298156e-1,
-    1.541640e-5, 7.951966e-6, 5.696328e-6, 2.829870e-4, 3.869342e-4, 3.744674e-4,
-)  # fmt: skip
-"""Table 2, "when random noise"."""
+ESTIMATED, ESTIMATED_FROM_NOISE = map(
+    Parameters.from_array,
+    np.loadtxt(Path(__file__).with_name('table_2.csv'), delimiter=',', skiprows=1, usecols=range(1, len(NAMES) + 1)),
+)
+"""Table 2, "estimated values", and "when random noise"."""
 
 FORCE_ERROR = 4.491026e-5
 """e_f without noise, N."""
 FORCE_ERROR_FROM_NOISE = 1.312684
 """e_f of the column with noise, N."""
-FORCE = 40.0
-"""f of figure 3, N."""
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), gripper_sign=GripperSign.PAPER)
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=PAPER_CELL.noise, gripper_sign=GripperSign.PAPER)
 ONE_LEVEL = (FORCE,)
 THREE_LEVELS = (FORCE / 4, FORCE / 2, FORCE)
 NOISE = Noise(joint=4.76825e-5, force=0.476825)
@@ -248,7 +253,7 @@ def paper_touches(levels: tuple[float, ...], noise: Noise | None = None, seed: i
         noise: of one touch; None: none.
         seed: of the noise.
     """
-    plan = default_plan(CELL, per_disc=12, levels=levels, postures=(1,))  # npc of figure 3
+    plan = default_plan(CELL, per_disc=NPC, levels=levels, postures=(1,))
     return simulate_touches(CELL, PAPER_ACTUAL, plan, noise or Noise(joint=0.0, force=0.0), seed)
 
 
@@ -325,8 +330,8 @@ def compare(runs: int, progress: Callable[[int], None] = lambda done: None) -> d
 
 def _scatter(rows: Floats, covariance: Floats) -> Scatter:
     """Of estimates and e_f, (runs, 13), with their predicted covariance."""
-    error, force_error = rows[:, :12] - PAPER_ACTUAL.as_array(), float(rows[:, 12].mean())
-    low, high = np.quantile(rows[:, 12], [0.025, 0.975]).tolist()
+    error, force_error = rows[:, :-1] - PAPER_ACTUAL.as_array(), float(rows[:, -1].mean())
+    low, high = np.quantile(rows[:, -1], [0.025, 0.975]).tolist()
     predicted, found = np.sqrt(np.diag(covariance)), error.std(axis=0, ddof=1)
     return Scatter(len(rows), predicted, found, force_error, (low, high))
 
