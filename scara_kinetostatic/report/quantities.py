@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
+from scara_kinetostatic.model.parameters import percentage as percentage
 
-MILLI, MICRO, PERCENT = 1e3, 1e6, 100.0
-"""Of the unit with the prefix, and of percent, so many are one."""
+MILLI, MICRO = 1e3, 1e6
+"""Of the unit with the prefix, so many are one."""
 NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
 
@@ -79,11 +80,6 @@ def micrometres(metres: float) -> str:
     if not math.isfinite(size):
         return NOT_DETERMINED
     return f'{size:#.3g}'.rstrip('.') if abs(size) < 999.5 else f'{size:.0f}'
-
-
-def percentage(part: float) -> str:
-    """A part of a whole: ``50 %``."""
-    return f'{PERCENT * part:.0f} %'
 
 
 def unsigned_zero(number: str) -> str:

@@ -16,8 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from scara_kinetostatic.assessment.criteria import rivals_in_words
-from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome, rivals_in_words
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.errors import ParameterError, one_line
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 
-from scara_kinetostatic.assessment.criteria import advice, rivals_in_words, sets_in_words
 from scara_kinetostatic.assessment.grade import Assessment, Grade
-from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome, advice, rivals_in_words, sets_in_words
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Items, Level, Table, Verdict, sentence
-from scara_kinetostatic.report.quantities import SCALES, micrometres, p_equals, shown, unsigned_zero
+from scara_kinetostatic.report.quantities import MICRO, SCALES, micrometres, p_equals, percentage, shown, unsigned_zero
 
 
 def answer(a: Assessment, tolerance: float | None, checked: str = 'Fit for use') -> Verdict:
@@ -91,9 +90,9 @@ def noise(outcome: Outcome) -> str:
     n = outcome.final.noise
     joint, force = (
         ' and '.join(dict.fromkeys(f'{scale * level:.3g}' for level in levels))
-        for scale, levels in ((1e6, n.joint_levels), (1.0, n.force_levels))
+        for scale, levels in ((MICRO, n.joint_levels), (1.0, n.force_levels))
     )
-    grown = f', in addition {100 * n.growth:.2g} % of the force' if n.growth else ''
+    grown = f', in addition {percentage(n.growth, ".2g")} of the force' if n.growth else ''
     source = {'given': 'given by the cell description', 'estimated': 'estimated from the residuals'}
     levels = f'{joint} µrad per joint and {force} N per force component{grown}'
     return f'{levels}, {source[outcome.final.noise_source]}'
@@ -127,7 +126,7 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     sizes = f'at most {micrometres(tip.worst)} µm, at {tip.at.title}, median {micrometres(tip.median)} µm.'
     return [
         f'Expanded uncertainty of the tip ({tip.coverage}) over the {where}: {sizes}',
-        f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
+        f'Largest contribution there: {largest.title}, {percentage(share)} of the variance.',
         f'To reduce it: {advice(outcome)}.',
     ]
 
@@ -186,7 +185,7 @@ def tip_budget(outcome: Outcome, most: int | None = None) -> Table | None:
     if others := items[len(listed) :]:
         listed.append((f'{len(others)} others', '', '', math.hypot(*(item.tip for item in others))))
     listed.append(('combined standard uncertainty', '', '', total))
-    rows = [(*words, micrometres(size), f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
+    rows = [(*words, micrometres(size), percentage((size / total) ** 2)) for *words, size in listed]
     heading = ('tip: source', 'type', 'declared', 'contribution', 'share of the variance')
     return Table(heading, ('', '', '', 'µm', ''), tuple(rows))
 

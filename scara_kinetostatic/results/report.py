@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.assessment.criteria import stated_conformity
-from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome, stated_conformity
 from scara_kinetostatic.report import (
     Block,
     Fact,
@@ -24,7 +23,7 @@ from scara_kinetostatic.report import (
     as_text,
     sentence,
 )
-from scara_kinetostatic.report.quantities import count, micrometres, p_equals
+from scara_kinetostatic.report.quantities import count, micrometres, p_equals, percentage
 from scara_kinetostatic.results import messages
 
 NAME = 'report.html'
@@ -141,7 +140,7 @@ def _uncertainty(outcome: Outcome) -> Fact:
     if np.isfinite(tip.worst_touched):
         parts[0] += f', {micrometres(tip.worst_touched)} µm between the touches'
     if tip.undetermined > 0:
-        parts.append(f'not determined in {100 * tip.undetermined:.0f} % of it')
+        parts.append(f'not determined in {percentage(tip.undetermined)} of it')
     if found is None or tolerance is None:
         return Fact(title, micrometres(tip.worst), 'µm', '; '.join([*parts, allowed]))
     parts.append(f'conformity {stated_conformity(outcome)}')
