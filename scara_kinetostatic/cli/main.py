@@ -31,6 +31,10 @@ VERBS = {
 """In the groups and the order of the help; each is a module of this package."""
 
 
+_SIGNALLED = 128
+"""The exit status of a process that a signal ends is this and the signal's number."""
+
+
 class _TerminatedError(BaseException):
     """The process received SIGTERM."""
 
@@ -68,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # as in `… | head`
         _forget_stdout()
-        return 141
+        return _SIGNALLED + signal.SIGPIPE
     except OSError as error:  # as in `… > /dev/full`
         _forget_stdout()
         return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', 2)
@@ -93,9 +97,9 @@ def _run(argv: Sequence[str] | None) -> int:
     except ScaraKinetostaticError as error:
         return _say(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
     except KeyboardInterrupt:
-        return _say('interrupted', 130)
+        return _say('interrupted', _SIGNALLED + signal.SIGINT)
     except _TerminatedError:
-        return _say('terminated', 143)
+        return _say('terminated', _SIGNALLED + signal.SIGTERM)
     except BrokenPipeError:
         raise
     except Exception as error:
@@ -103,7 +107,7 @@ def _run(argv: Sequence[str] | None) -> int:
         if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
             raise
         if received and not debug:  # what was interrupted may fail in its own way when it is closed
-            return _say('terminated', 143)
+            return _say('terminated', _SIGNALLED + signal.SIGTERM)
         remedy = 'please report it with what scara-kinetostatic --debug … prints'
         return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 

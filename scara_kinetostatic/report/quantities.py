@@ -15,6 +15,10 @@ NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
 
 
+_LEAST_P = 1e-12
+"""Of p-values below this only that is said."""
+
+
 class Scale(NamedTuple):
     """A unit with a prefix, and how many of it one SI unit is."""
 
@@ -97,12 +101,12 @@ def decimals(std: float) -> int | None:
 
 def chance(p_value: float) -> str:
     """A p-value in short."""
-    return f'{p_value:.2g}' if p_value >= 1e-12 else 'below 1e-12'
+    return f'{p_value:.2g}' if p_value >= _LEAST_P else f'below {_LEAST_P:g}'
 
 
 def p_equals(p_value: float) -> str:
     """A p-value with its sign, such as ``p = 0.02`` and ``p < 1e-12``."""
-    return f'p = {chance(p_value)}' if p_value >= 1e-12 else 'p < 1e-12'
+    return f'p = {chance(p_value)}' if p_value >= _LEAST_P else f'p < {_LEAST_P:g}'
 
 
 def count(number: int, thing: str, things: str = '') -> str:

@@ -17,8 +17,7 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.report.quantities import SCALES, micrometres
 from scara_kinetostatic.results import messages
-from scara_kinetostatic.results.messages import parameter_table
-from scara_kinetostatic.results.report import MOST_REJECTED, text_report
+from scara_kinetostatic.results.report import MOST_REJECTED, parameter_table, text_report
 
 
 def joined(outcome: Outcome) -> str:
