@@ -27,7 +27,7 @@ first and a last rejected touch.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -262,12 +262,11 @@ class Discrimination(NamedTuple):
     def causes(self) -> str:
         """The sets with their probabilities: ``place of disc_2 (93 %) or place of disc_1 (7 %)``."""
         names = {UNNAMED: 'something else'}
-        sets = (
+        return likely(
             (' and '.join(names.get(label) or title_of(label) for label in labels) or 'no gross error', probability)
             for labels, probability in self.odds
             if probability >= NAMED
         )
-        return ' or '.join(f'{title} ({percent(probability)} %)' for title, probability in sets)
 
     @property
     def limits(self) -> str:
@@ -307,6 +306,11 @@ def percent(probability: float) -> str:
     if probability < NAMED:
         return 'below 1'
     return f'{100 * probability:.0f}' if probability < 0.985 else f'{min(100 * probability, 99.9):.1f}'
+
+
+def likely(alternatives: Iterable[tuple[str, float]]) -> str:
+    """Alternatives with their probabilities: ``place of disc_2 (93 %) or place of disc_1 (7 %)``."""
+    return ' or '.join(f'{what} ({percent(probability)} %)' for what, probability in alternatives)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

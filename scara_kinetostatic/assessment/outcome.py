@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.assessment.evidence import NAMED, Decision, Evidence, Group, concentrations, percent
+from scara_kinetostatic.assessment.evidence import NAMED, Decision, Evidence, Group, concentrations, likely, percent
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, caution, quantity, unfit
 from scara_kinetostatic.calibration.declared_errors import ASSUMED_PLACES, RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.noise_estimation import reading_noise
@@ -292,14 +292,13 @@ def sets_in_words(d: Diagnosis) -> str:
     effects, most = d.effects_by_label(), 3
     titles = {label: effect.title for label, effect in effects.items()} | {UNNAMED: 'something else'}
     common = set.intersection(*(set(item.effects) for item in d.probabilities))
-    texts = []
+    nothing, sets = 'nothing' if common else 'no gross error', list[tuple[str, float]]()
     for item in d.probabilities[:most]:
         names = [titles.get(label, label) for label in item.effects if label not in common]
-        nothing = 'nothing' if common else 'no gross error'
-        texts.append(f'{" and ".join(names) or nothing} ({percent(item.probability)} %)')
-    left = 1 - sum(item.probability for item in d.probabilities[:most])
-    others = [f'others ({percent(left)} %)'] if left > NAMED else []
-    return f'{"What else may be missing" if common else "Probabilities"}: {" or ".join([*texts, *others])}'
+        sets.append((' and '.join(names) or nothing, item.probability))
+    left = 1 - sum(part for _, part in sets)
+    said = likely([*sets, *[('others', left)] * (left > NAMED)])
+    return f'{"What else may be missing" if common else "Probabilities"}: {said}'
 
 
 def shifted(evidence: Evidence) -> Iterator[Remark]:
