@@ -1,6 +1,6 @@
 """The mistake in a cell description or in touches that explains why they do not agree, by name.
 
-The touches are fitted as stated and as they would be without each of the mistakes that people make (`_candidates`); a
+The touches are fitted as stated and as they would be without each of the mistakes that people make (`_hypotheses`); a
 coupling of the joints, a parameter of that fit, is tried where none of the others explains them (`_coupled`). A mistake
 is named where the touches disagree grossly with what is stated, and agree with it without that mistake; several, where
 these explain the touches alike; none, where none does.
@@ -227,7 +227,7 @@ def check_touches(
     check = Check(cell, None, stated.misfit, float(stated.parameters[G_EE]))
     if stated.misfit <= _Limits.gross:
         return check._replace(found=_mislabelled(touches.disc[which], stated.object, cell))
-    tried = [(one, _fit(one.mended)) for one in _candidates(reading, cell, origin)]
+    tried = [(mistake, _fit(mended)) for mistake, mended in _hypotheses(reading, cell, origin)]
     if not any(fit.misfit <= _Limits.alike for _, fit in tried):
         tried += _coupled(reading, cell, origin)
     found = _named(stated, tried)
@@ -386,7 +386,7 @@ def _misses(r: _Reading, values: Floats) -> _Agreement:
     return _Agreement(values, here.object, distance, angle, miss, misfit, *by)
 
 
-def _named(stated: _Agreement, tried: Sequence[tuple[_Candidate, _Agreement]]) -> Mistake | None:
+def _named(stated: _Agreement, tried: Sequence[tuple[Mistake, _Agreement]]) -> Mistake | None:
     """The mistake without which the touches agree, where they do not as stated; of those tried."""
     found = sorted(tried, key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
@@ -420,33 +420,21 @@ def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
     return Mistake('object', statement, action, in_cell=False)
 
 
-class _Candidate(NamedTuple):
-    """A mistake that may have been made.
-
-    Attributes:
-        where: the key of the cell description, or the quantity, at fault.
-        statement: the mistake, one clause.
-        action: what to do about it.
-        mended: the reading without the mistake.
-    """
-
-    where: str
-    statement: str
-    action: str
-    mended: _Reading
+_Hypothesis = tuple[Mistake, _Reading]
+"""A mistake that may have been made, and the reading without it."""
 
 
-def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+def _hypotheses(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Hypothesis]:
     """All mistakes that may have been made in a reading, but for a coupling of the joints."""
     yield from _of_sensor(r, cell, origin)
     yield from _of_joints(r, cell, origin)
     if cell.has_outlines:
         yield from _of_tip(r, cell)
     first = np.unique(r.surfaces.object, return_index=True)[1]  # of a disc its circle
-    for one in _of_discs(r, cell):
-        places = one.mended.surfaces.select(first)
+    for mistake, mended in _of_discs(r, cell):
+        places = mended.surfaces.select(first)
         if not layout_problems(cell, places.centers, places.radii):
-            yield one
+            yield mistake, mended
     yield from _of_nominal(r)
 
 
@@ -480,26 +468,26 @@ _PLACES = (
 """Changes of the centres by rows, with words for each."""
 
 
-def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Hypothesis]:
     """Sign, frame and axes of the force sensor."""
     right, wrong = ('base', 'tool') if r.tool else ('tool', 'base')
     frame = f'the forces are in the {right} frame, not in the {wrong} frame'
     place, remedy = 'sensor.frame', f'set sensor.frame to {right}'
     if origin is Origin.TABLE:
         place, remedy = 'force', f'name the columns {"fx_N and fy_N" if r.tool else "fx_tool_N and fy_tool_N"}'
-    yield _Candidate(place, frame, remedy, r._replace(tool=not r.tool))
+    yield Mistake(place, frame, remedy), r._replace(tool=not r.tool)
     for number, (matrix, statement, action) in enumerate(_FORCES):
         where, mended = 'force', r._replace(force=_applied(matrix, r.force))
         if number == 0 and origin is Origin.RECORDING:
             other = 'on_object' if cell.sensor.sign is SensorSign.ON_ROBOT else 'on_robot'
             where, action = 'sensor.sign', f'set sensor.sign to {other}'
-        yield _Candidate(where, statement, action, mended)
+        yield Mistake(where, statement, action), mended
         if number == 0:
             both = mended._replace(tool=not r.tool)
-            yield _Candidate(where, f'{frame}, and {statement}', f'{remedy}, and {action}', both)
+            yield Mistake(where, f'{frame}, and {statement}', f'{remedy}, and {action}'), both
 
 
-def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Hypothesis]:
     """Order and senses of the joints."""
     for number, (matrix, statement, action) in enumerate(_JOINTS):
         where = 'joint angles'
@@ -508,14 +496,14 @@ def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
         elif origin is not Origin.ARRAYS and number > 0:
             signs = [sign * turned for sign, turned in zip(cell.direction, matrix[::3], strict=True)]
             where, action = 'robot.direction', f'set robot.direction to {signs}'
-        yield _Candidate(where, statement, action, r._replace(joints=_applied(matrix, r.joints)))
+        yield Mistake(where, statement, action), r._replace(joints=_applied(matrix, r.joints))
 
 
-def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candidate, _Agreement]]:
+def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[Mistake, _Agreement]]:
     """Joint 1 turns the reading of joint 2 as well, by the part with which the touches agree best."""
     free = np.append(r.free[:-1], 1.0)
     starts = (r._replace(nominal=np.append(r.nominal[:-1], part), free=free) for part in np.linspace(-2.0, 2.0, 21))
-    fit, mended = min(((_fit(start), start) for start in starts), key=lambda item: item[0].misfit)
+    fit = min(map(_fit, starts), key=lambda fit: fit.misfit)
     part = float(fit.parameters[-1])
     if abs(part) < _Limits.least_coupling:
         return
@@ -529,10 +517,10 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candida
         statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
-    yield _Candidate(where, statement, action, mended), fit
+    yield Mistake(where, statement, action), fit
 
 
-def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Hypothesis]:
     """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs."""
     centers, radii, own = r.surfaces.centers, r.surfaces.radii, r.surfaces.object
     round_ones = [(d, disc.name) for d, disc in enumerate(cell.discs) if not isinstance(disc, Outline)]
@@ -543,7 +531,7 @@ def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             moved = np.where(here[:, None], _applied(matrix, centers), centers)
             if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
-                yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
+                yield Mistake(where, f'{statement} in the {which}', action), r.with_surfaces(centers=moved)
         value = float(radii[here][0])
         stated, halved = ('', 'halve it') if where == 'objects' else (f' {value:g}', f'set it to {0.5 * value:g}')
         halved += ' and add the radius of the tip if it is not contained'
@@ -551,16 +539,16 @@ def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             (0.5, f'radius{stated} is the diameter of {name}', halved),
             (2.0, f'radius of {name} is half of what it should be', 'double it'),
         ):
-            yield _Candidate(where, statement, action, r.with_surfaces(radii=np.where(here, factor * radii, radii)))
+            yield Mistake(where, statement, action), r.with_surfaces(radii=np.where(here, factor * radii, radii))
     for (i, one), (j, other) in combinations(round_ones, 2):
         first, second = own == i, own == j
         if abs(radii[first][0] - radii[second][0]) > _Limits.same_length:
             swapped = np.where(first, radii[second][0], np.where(second, radii[first][0], radii))
             statement = f'the radii, or the centers, of {one} and {other} are swapped'
-            yield _Candidate('objects', statement, 'exchange them', r.with_surfaces(radii=swapped))
+            yield Mistake('objects', statement, 'exchange them'), r.with_surfaces(radii=swapped)
 
 
-def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Hypothesis]:
     """A diameter for the radius of the tip, or none: it displaces the edges and corners of outlines."""
     is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[r.surfaces.object]
     corner, edge = is_outline & ~r.surfaces.is_edge, r.surfaces.is_edge[:, None] * r.surfaces.normals
@@ -570,10 +558,10 @@ def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
         changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
     for statement, action, more in changes:
         mended = r.with_surfaces(radii=r.surfaces.radii + more * corner, centers=r.surfaces.centers + more * edge)
-        yield _Candidate('tip.radius', statement, action, mended)
+        yield Mistake('tip.radius', statement, action), mended
 
 
-def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[_Candidate, _Agreement]]:
+def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[Mistake, _Agreement]]:
     """Each of three discs or more displaced by the median miss of its touches, again and again as the fit follows."""
     for number, disc in enumerate(cell.discs if len(cell.discs) > 2 else ()):
         mended, found = r, stated
@@ -585,17 +573,16 @@ def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[_C
             found = _fit(mended)
         far = _MILLI * np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0])
         statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'
-        one = _Candidate(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again', mended)
-        yield one, found
+        yield Mistake(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again'), found
 
 
-def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
+def _of_nominal(r: _Reading) -> Iterator[_Hypothesis]:
     """Lengths of links and offsets of joints in the nominal parameters; values at which a parameter is held."""
 
-    def mended(where: str, statement: str, action: str, at: list[int], value: Floats) -> _Candidate:
+    def mended(where: str, statement: str, action: str, at: list[int], value: Floats) -> _Hypothesis:
         nominal = r.nominal.copy()
         nominal[at] = value
-        return _Candidate(where, statement, action, r._replace(nominal=nominal))
+        return Mistake(where, statement, action), r._replace(nominal=nominal)
 
     lengths, offsets = [L1, L2], [THETA1, THETA2]
     if abs(np.diff(r.nominal[lengths])[0]) > _Limits.same_length and r.free[lengths].all():
@@ -616,4 +603,4 @@ def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
     for j in np.flatnonzero(r.free[:-1] == 0).tolist():
         name, free = NAMES[j], np.where(np.arange(len(r.free)) == j, 1.0, r.free)
         statement = f'the fixed value {r.nominal[j]:g} {UNITS[name]} of {name} contradicts the touches'
-        yield _Candidate(f'fixed {name}', statement, 'correct it, or leave the parameter free', r._replace(free=free))
+        yield Mistake(f'fixed {name}', statement, 'correct it, or leave the parameter free'), r._replace(free=free)
