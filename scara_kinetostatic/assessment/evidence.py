@@ -1,4 +1,4 @@
-"""What an assessment is made from: conformity with the tolerance, leverage of the touches, mistakes.
+"""What an assessment is made from: conformity with the tolerance, leverage and rejection of touches, mistakes.
 
 The tolerance is the largest expanded uncertainty U = 2 u that the use allows. U is itself estimated where the noise is:
 with the part u_A of noise from ν degrees of freedom and the rest u_B, the one-sided limits of 95 % of U are
@@ -13,20 +13,33 @@ The block of a used touch on the diagonal of the hat matrix is H_k = J_k Σ J_k�
 and Σ the covariance of the fit, everything estimated along with the parameters included. Of an error of the touch in
 the direction of an eigenvector with eigenvalue λ, the residual shows the part 1 - λ, the parameters absorb the rest.
 With λ = 1 the touch is fitted whatever it measured: nothing checks it, and without it a parameter has no value.
+
+Rejected touches are scattered by chance, or concentrated in one object, recording or span of time.
+Given that K of N touches are rejected, and that each is as likely as any other, k or more of the n touches of a group
+are among them with the hypergeometric probability P(X ≥ k). Over the groups of one kind, and over the kinds, the
+probabilities are corrected by Bonferroni's inequality.
+
+A span of time has no given place. It begins with a rejected touch; the m touches that follow hold k - 1 or more of the
+other K - 1 rejected ones, of the other N - 1 touches, with the hypergeometric probability as well (a scan statistic
+that begins at an event; J. Glaz, J. Naus, S. Wallenstein, Scan Statistics, 2001). It is corrected over all pairs of a
+first and a last rejected touch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
+from numpy.typing import ArrayLike
+from scipy import special
 
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.prior_knowledge import Assumed, assumed_places
@@ -38,13 +51,18 @@ from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.search import FOUND
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import leverage, orthonormal
-from scara_kinetostatic.model.arrays import Floats, read_only
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.threads import one_thread
 
 _CONFIDENCE = 0.95
 """Of each guard band, one-sided: the usual one (ISO 14253-1)."""
+
+
+_GRAVITY = 9.81
+"""m/s²."""
 
 
 class Decision(str, Enum):
@@ -103,7 +121,7 @@ def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
 
 def _limit(u: float, noise: float, freedoms: float, part: float) -> float:
     """A limit of U: the noise part has the size that would be exceeded with a probability of `part`."""
-    factor = 1.0 if np.isinf(freedoms) else freedoms / float(chdtri(freedoms, 1 - part))
+    factor = 1.0 if np.isinf(freedoms) else freedoms / float(special.chdtri(freedoms, 1 - part))
     return COVERAGE_FACTOR * float(np.sqrt(max(u**2 - noise, 0.0) + noise * factor))
 
 
@@ -127,6 +145,86 @@ def leverages(calibration: Calibration) -> Floats:
     if prior is not None:
         rows = np.concatenate([rows, prior.rows @ basis])
     return read_only(np.clip(leverage(orthonormal(rows)[: 2 * n].reshape(n, 2, -1)), 0.0, 1.0))
+
+
+class Group(NamedTuple):
+    """Touches that have something in common.
+
+    Attributes:
+        kind: ``object``, ``recording`` or ``span``.
+        label: index of the object or recording; of a span 0.
+        members: which touches belong to it, (n,).
+        rejected: how many of them are rejected.
+        p_value: probability by chance of as many, corrected for the search.
+    """
+
+    kind: str
+    label: int
+    members: Mask
+    rejected: int
+    p_value: float
+
+
+def concentrations(rejected: Mask, labels: dict[str, Indices]) -> list[Group]:
+    """The groups of touches with the probability that so many of them are rejected by chance, the least first.
+
+    Args:
+        rejected: which touches are rejected, in the order of time, (n,).
+        labels: the kinds of groups: an index of each touch by the name of the kind, (n,) each.
+    """
+    if rejected.sum() < 2:
+        return []
+    found = [_span(rejected)]
+    for kind, label in labels.items():
+        values = np.unique(label)
+        for value in values.tolist() if len(values) > 1 else ():
+            members = label == value
+            number = int((members & rejected).sum())
+            p_value = hypergeometric_tail(number, len(rejected), int(members.sum()), int(rejected.sum()))
+            found.append(Group(kind, value, members, number, len(values) * float(p_value)))
+    kinds = len(labels) + 1
+    corrected = [group._replace(p_value=min(1.0, kinds * min(1.0, group.p_value))) for group in found]
+    return sorted(corrected, key=lambda group: group.p_value)
+
+
+def _span(rejected: Mask, most: int = 200) -> Group:
+    """The least probable span; it holds at most so many rejected touches."""
+    places = np.flatnonzero(rejected)
+    first, last = np.triu_indices(len(places), 1)
+    near = last - first <= most
+    first, last = first[near], last[near]
+    width, number = places[last] - places[first], last - first
+    p_values = hypergeometric_tail(number, len(rejected) - 1, width, len(places) - 1)
+    best = int(np.argmin(p_values))
+    members = np.zeros_like(rejected)
+    members[places[first[best]] : places[last[best]] + 1] = True
+    return Group('span', 0, members, int(number[best]) + 1, len(first) * float(p_values[best]))
+
+
+def hypergeometric_tail(least: ArrayLike, total: int, drawn: ArrayLike, marked: int) -> Floats:
+    """P(X ≥ least) of the number X of marked ones among those drawn from all without replacement, or slightly more.
+
+    Beyond the mean the terms of the sum fall faster than a geometric series with the ratio of the first two, whose sum
+    is returned; where they do not fall, 1.
+
+    Args:
+        least: k, at most n and K.
+        total: N.
+        drawn: n.
+        marked: K.
+    """
+    k, n = np.asarray(least, dtype=float), np.asarray(drawn, dtype=float)
+    rest = np.maximum(total - marked - n + k, 0.0)
+    first = np.exp(_log_choose(marked, k) + _log_choose(total - marked, n - k) - _log_choose(total, n))
+    ratio = (marked - k) * (n - k) / ((k + 1) * (rest + 1))
+    tail = np.where(ratio < 1, first / np.maximum(1 - ratio, 1e-300), 1.0)
+    return np.asarray(np.where(k <= 0, 1.0, np.minimum(tail, 1.0)))
+
+
+def _log_choose(total: ArrayLike, drawn: ArrayLike) -> Floats:
+    """Logarithm of a binomial coefficient."""
+    total, drawn = np.asarray(total, dtype=float), np.asarray(drawn, dtype=float)
+    return np.asarray(special.gammaln(total + 1) - special.gammaln(drawn + 1) - special.gammaln(total - drawn + 1))
 
 
 class Discrimination(NamedTuple):
@@ -164,12 +262,11 @@ class Discrimination(NamedTuple):
     def causes(self) -> str:
         """The sets with their probabilities: ``place of disc_2 (93 %) or place of disc_1 (7 %)``."""
         names = {UNNAMED: 'something else'}
-        sets = (
+        return likely(
             (' and '.join(names.get(label) or title_of(label) for label in labels) or 'no gross error', probability)
             for labels, probability in self.odds
-            if probability >= _NAMED
+            if probability >= NAMED
         )
-        return ' or '.join(f'{title} ({percent(probability)} %)' for title, probability in sets)
 
     @property
     def limits(self) -> str:
@@ -200,15 +297,20 @@ def worth_doing(now: float) -> float:
     return min(now + _WORTH, (1 + now) / 2)
 
 
-_NAMED = 0.005
+NAMED = 0.005
 """Probability from which on a set is named."""
 
 
 def percent(probability: float) -> str:
     """A probability in percent, not rounded to certainty."""
-    if probability < 0.005:
+    if probability < NAMED:
         return 'below 1'
     return f'{100 * probability:.0f}' if probability < 0.985 else f'{min(100 * probability, 99.9):.1f}'
+
+
+def likely(alternatives: Iterable[tuple[str, float]]) -> str:
+    """Alternatives with their probabilities: ``place of disc_2 (93 %) or place of disc_1 (7 %)``."""
+    return ' or '.join(f'{what} ({percent(probability)} %)' for what, probability in alternatives)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -292,6 +394,23 @@ class Evidence:
     def conformity(self) -> Conformity | None:
         """The tip's uncertainty against the tolerance; None where there is none, or it is not determined."""
         return conformity(self.final, self.tip_uncertainty)
+
+    @cached_property
+    @one_thread
+    def upright(self) -> dict[str, Calibration]:
+        """The base model's fit with gravity along an axis that may be the vertical one, where there is one."""
+        found = dict[str, Calibration]()
+        for axis, gravity in (('y', (0.0, -_GRAVITY)), ('x', (-_GRAVITY, 0.0))):
+            cell = replace(self.final.cell, nominal=self.final.cell.nominal.replace(gravity=gravity))
+            with suppress(ParameterError, UnsupportedDataError):
+                if (fitted := calibrate(self.final.touches, cell)).is_result:
+                    found[axis] = fitted
+        return found
+
+    @property
+    def conforms(self) -> bool:
+        """Whether the tolerance is kept."""
+        return self.conformity is not None and self.conformity.decision is Decision.CONFORMS
 
     @cached_property
     def mistake(self) -> Mistake | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import quantity as quantity
@@ -42,6 +43,9 @@ class Remark(NamedTuple):
     grade: Grade
     reason: str
     action: str = ''
+
+
+caution, unfit = partial(Remark, Grade.CAUTION), partial(Remark, Grade.UNFIT)
 
 
 @dataclass(frozen=True)

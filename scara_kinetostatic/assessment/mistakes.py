@@ -1,6 +1,6 @@
 """The mistake in a cell description or in touches that explains why they do not agree, by name.
 
-The touches are fitted as stated and as they would be without each of the mistakes that people make (`_candidates`); a
+The touches are fitted as stated and as they would be without each of the mistakes that people make (`_hypotheses`); a
 coupling of the joints, a parameter of that fit, is tried where none of the others explains them (`_coupled`). A mistake
 is named where the touches disagree grossly with what is stated, and agree with it without that mistake; several, where
 these explain the touches alike; none, where none does.
@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +45,10 @@ _SIGN_WIDTH = 0.01
 """Torques over which sign(c) is continuous, Nm."""
 FEWEST_TOUCHES = 8
 """Fewer do not tell one mistake from another."""
+
+
+_MILLI = 1e3
+"""Of the unit with the prefix, so many are one."""
 
 
 class _Limits:
@@ -74,8 +78,10 @@ class _Limits:
     """Touches of a wrong object are a mistake if they are more than this part of all."""
     sigmas: float = 4.0
     """A backlash of the gripper below zero by so many standard uncertainties is none."""
-    coarse_radius: float = 1e-3
-    """A backlash of the gripper below zero by so much is none, where there is no calibration, m."""
+    gross_distance: float = 1e-3
+    """Distances of this size are those of mistakes; a backlash of the gripper as far below zero is none where there is
+    no calibration, m.
+    """
     largest_backlash: float = 3e-3
     """A backlash of the gripper above this is none, m."""
     least_tip: float = 4e-4
@@ -92,7 +98,8 @@ class _Limits:
     """Lengths that differ by less than this are not worth swapping, m."""
 
 
-_PRIOR = np.array([0.015, 0.015, *(np.deg2rad(2.5), 0.015) * 2, 1e-4, 3e-4, 3e-4, 0.05, 5e-3, 5e-3, 0.1])
+_PLACE, _OFFSET, _COMPLIANCE, _BACKLASH = 0.015, np.deg2rad(2.5), 3e-4, 5e-3
+_PRIOR = np.array([_PLACE, _PLACE, *(_OFFSET, _PLACE) * 2, 1e-4, *[_COMPLIANCE] * 2, 0.05, *[_BACKLASH] * 2, 0.1])
 """Standard deviation of the error of each nominal value, SI units, and of a coupling of the joints."""
 
 
@@ -173,7 +180,7 @@ class Check(NamedTuple):
         """
         if self.found:
             return self.found
-        cell, value, std, least = self.cell, self.backlash, 0.0, _Limits.coarse_radius
+        cell, value, std, least = self.cell, self.backlash, 0.0, _Limits.gross_distance
         if self.misfit > _Limits.slight or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
             return None
         if calibration is not None and np.isfinite(calibration.std_of('g_ee')):
@@ -182,7 +189,7 @@ class Check(NamedTuple):
         least = max(least, _Limits.sigmas * float(np.hypot(std, max(declared))))
         if -least <= value < max(_Limits.largest_backlash, least):
             return None
-        off = f'stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
+        off = f'stated {_MILLI * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
         where, statement, action = 'objects', f'all radii are {off}', 'measure the discs and the tip again'
         if cell.has_outlines:
             where, statement = 'tip.radius', f'the radius of the tip is {off}'
@@ -190,9 +197,9 @@ class Check(NamedTuple):
         elif value < -_Limits.least_tip:
             statement += ', or the radius of the tip is missing'
             action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
-        given = f' ± {1e3 * std:.2g}' if std else ''
-        why = 'a backlash is not negative' if value < 0 else 'a backlash is not so large'
-        evidence = f'else the backlash of the gripper, g_ee, would be {1e3 * value:.3g}{given} mm; {why}'
+        given = f'{_MILLI * value:.3g}{f" ± {_MILLI * std:.2g}" if std else ""} mm'
+        why = f'a backlash is not {"negative" if value < 0 else "so large"}'
+        evidence = f'else the backlash of the gripper, g_ee, would be {given}; {why}'
         return Mistake(where, statement, action, evidence)
 
 
@@ -219,8 +226,8 @@ def check_touches(
     stated = _fit(reading)
     check = Check(cell, None, stated.misfit, float(stated.parameters[G_EE]))
     if stated.misfit <= _Limits.gross:
-        return check._replace(found=_mislabelled(touches.disc[which], stated.left.disc, cell))
-    tried = [(one, _fit(one.mended)) for one in _candidates(reading, cell, origin)]
+        return check._replace(found=_mislabelled(touches.disc[which], stated.object, cell))
+    tried = [(mistake, _fit(mended)) for mistake, mended in _hypotheses(reading, cell, origin)]
     if not any(fit.misfit <= _Limits.alike for _, fit in tried):
         tried += _coupled(reading, cell, origin)
     found = _named(stated, tried)
@@ -258,7 +265,7 @@ def wrong_unit(joints: Floats, force: float) -> Mistake | None:
         return Mistake('joint angles', statement, 'give them in rad', in_cell=False, is_gross=True)
     if _Limits.faint < force < _Limits.huge:
         return None
-    unit, newton = ('kN', 1e3) if force <= _Limits.faint else ('mN', 1e-3)
+    unit, newton = ('kN', _MILLI) if force <= _Limits.faint else ('mN', 1 / _MILLI)
     statement = f'the forces are in {unit}, not in N: a touch would have {force:.2g} N'
     action = f'give them in N (then {newton * force:.2g} N)'
     return Mistake('force', statement, action, in_cell=False, is_gross=True)
@@ -288,38 +295,28 @@ class _Reading(NamedTuple):
         return self._replace(surfaces=self.surfaces._replace(**parts))
 
 
-class _Misses(NamedTuple):
-    """What is left of n touches, and its derivatives.
+class _Agreement(NamedTuple):
+    """How well a reading agrees with n touches.
 
     Attributes:
-        disc: the touched one, (n,).
+        parameters: the fitted ones, (13,).
+        object: the touched one, (n,).
         distance: d, (n,), m.
         angle: a, (n,), rad.
         miss: from the place of contact to the disc less its radius along the force, (n, 2), m.
+        misfit: the mean of log(1 + (d/D)²) + log(1 + (a/A)²); infinite where it cannot be evaluated.
         by_distance: derivatives of d by the parameters, (n, 13).
         by_angle: those of a.
     """
 
-    disc: Indices
+    parameters: Floats
+    object: Indices
     distance: Floats
     angle: Floats
     miss: Floats
+    misfit: float
     by_distance: Floats
     by_angle: Floats
-
-
-class _Agreement(NamedTuple):
-    """How well a reading agrees with the touches.
-
-    Attributes:
-        parameters: the fitted ones, (13,).
-        left: what is left of each touch.
-        misfit: the mean of log(1 + (d/D)²) + log(1 + (a/A)²); infinite where it cannot be evaluated.
-    """
-
-    parameters: Floats
-    left: _Misses
-    misfit: float
 
 
 def _reading(joints: Floats, force: Floats, cell: Cell, fixed: Mapping[str, float]) -> _Reading:
@@ -338,8 +335,8 @@ def _fit(r: _Reading) -> _Agreement:
         found = _misses(r, r.nominal + change)
         rows, right = [np.eye(len(_PRIOR))], [np.zeros(len(_PRIOR))]
         for value, derivative, first, last in (
-            (found.distance, found.by_distance, 0.02, _Limits.distance),
-            (found.angle, found.by_angle, 0.3, _Limits.angle),
+            (found.distance, found.by_distance, 100 * _Limits.distance, _Limits.distance),
+            (found.angle, found.by_angle, 2 * _Limits.angle, _Limits.angle),
         ):
             scale = max(last, first * 0.5**step)
             weight = 1.0 / (scale * np.sqrt(1.0 + (value / scale) ** 2))
@@ -349,13 +346,11 @@ def _fit(r: _Reading) -> _Agreement:
         if not np.isfinite(system).all():
             break
         change = prior * np.linalg.lstsq(system, np.concatenate(right), rcond=None)[0]
-    left = _misses(r, r.nominal + change)
-    loss = np.log1p((left.distance / _Limits.distance) ** 2) + np.log1p((left.angle / _Limits.angle) ** 2)
-    return _Agreement(r.nominal + change, left, float(np.nan_to_num(loss.mean(), nan=np.inf)))
+    return _misses(r, r.nominal + change)
 
 
-def _misses(r: _Reading, values: Floats) -> _Misses:
-    """Distances, angles and their derivatives by L̄.
+def _misses(r: _Reading, values: Floats) -> _Agreement:
+    """How the touches agree with values of the parameters, (13,).
 
     The disc is that of the nearest surface. The normal of a circle turns as the tip moves along it, by its radius; that
     of an edge does not, and the distance from it grows beyond its ends.
@@ -385,10 +380,13 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / np.where(edge, np.inf, signed)[:, None]
     by_angle[:, [THETA1, THETA2]] += float(r.tool)
     by = (np.column_stack([each, -r.joints[:, 0] * each[:, THETA2]]) for each in (by_distance, by_angle))
-    return _Misses(here.object, away - (here.radii - press), angle, miss, *by)
+    distance = away - (here.radii - press)
+    loss = np.log1p((distance / _Limits.distance) ** 2) + np.log1p((angle / _Limits.angle) ** 2)
+    misfit = float(np.nan_to_num(loss.mean(), nan=np.inf))
+    return _Agreement(values, here.object, distance, angle, miss, misfit, *by)
 
 
-def _named(stated: _Agreement, tried: Sequence[tuple[_Candidate, _Agreement]]) -> Mistake | None:
+def _named(stated: _Agreement, tried: Sequence[tuple[Mistake, _Agreement]]) -> Mistake | None:
     """The mistake without which the touches agree, where they do not as stated; of those tried."""
     found = sorted(tried, key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
@@ -398,15 +396,15 @@ def _named(stated: _Agreement, tried: Sequence[tuple[_Candidate, _Agreement]]) -
     chosen = [item for item in found if item[1].misfit <= most]
     if len(chosen) > _Limits.named:
         return None
-    fits = stated.left, chosen[0][1].left
-    before, after = (float(np.sqrt(np.mean(left.distance**2))) for left in fits)
-    evidence = f'as stated the touches miss the discs by {quantity(before, "m")}, without the mistake by '
-    evidence += quantity(after, 'm')
-    if not before > max(10 * after, 1e-3):
-        before, after = (np.rad2deg(float(np.median(np.abs(left.angle)))) for left in fits)
+    fits = stated, chosen[0][1]
+    before, after = (float(np.sqrt(np.mean(fit.distance**2))) for fit in fits)
+    far, near = quantity(before, 'm'), quantity(after, 'm')
+    evidence = f'as stated the touches miss the discs by {far}, without the mistake by {near}'
+    if not before > max(10 * after, _Limits.gross_distance):
+        before, after = (np.rad2deg(float(np.median(np.abs(fit.angle)))) for fit in fits)
         evidence = f'as stated the forces point {before:.0f}° beside the discs, without the mistake {after:.1f}°'
-    statement = ', or '.join(dict.fromkeys(one.statement for one, _ in chosen))
-    action = ', or '.join(dict.fromkeys(one.action for one, _ in chosen))
+    said = (dict.fromkeys(getattr(one, what) for one, _ in chosen) for what in ('statement', 'action'))
+    statement, action = map(', or '.join, said)
     in_cell = not any(one.where.startswith(('force', 'joint', 'fixed')) for one, _ in chosen)
     return Mistake(chosen[0][0].where, statement, action, evidence, in_cell, stated.misfit > _Limits.hopeless)
 
@@ -422,33 +420,21 @@ def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
     return Mistake('object', statement, action, in_cell=False)
 
 
-class _Candidate(NamedTuple):
-    """A mistake that may have been made.
-
-    Attributes:
-        where: the key of the cell description, or the quantity, at fault.
-        statement: the mistake, one clause.
-        action: what to do about it.
-        mended: the reading without the mistake.
-    """
-
-    where: str
-    statement: str
-    action: str
-    mended: _Reading
+_Hypothesis = tuple[Mistake, _Reading]
+"""A mistake that may have been made, and the reading without it."""
 
 
-def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+def _hypotheses(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Hypothesis]:
     """All mistakes that may have been made in a reading, but for a coupling of the joints."""
     yield from _of_sensor(r, cell, origin)
     yield from _of_joints(r, cell, origin)
     if cell.has_outlines:
         yield from _of_tip(r, cell)
     first = np.unique(r.surfaces.object, return_index=True)[1]  # of a disc its circle
-    for one in _of_discs(r, cell):
-        places = one.mended.surfaces.select(first)
+    for mistake, mended in _of_discs(r, cell):
+        places = mended.surfaces.select(first)
         if not layout_problems(cell, places.centers, places.radii):
-            yield one
+            yield mistake, mended
     yield from _of_nominal(r)
 
 
@@ -482,26 +468,26 @@ _PLACES = (
 """Changes of the centres by rows, with words for each."""
 
 
-def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Hypothesis]:
     """Sign, frame and axes of the force sensor."""
     right, wrong = ('base', 'tool') if r.tool else ('tool', 'base')
     frame = f'the forces are in the {right} frame, not in the {wrong} frame'
     place, remedy = 'sensor.frame', f'set sensor.frame to {right}'
     if origin is Origin.TABLE:
         place, remedy = 'force', f'name the columns {"fx_N and fy_N" if r.tool else "fx_tool_N and fy_tool_N"}'
-    yield _Candidate(place, frame, remedy, r._replace(tool=not r.tool))
+    yield Mistake(place, frame, remedy), r._replace(tool=not r.tool)
     for number, (matrix, statement, action) in enumerate(_FORCES):
         where, mended = 'force', r._replace(force=_applied(matrix, r.force))
         if number == 0 and origin is Origin.RECORDING:
             other = 'on_object' if cell.sensor.sign is SensorSign.ON_ROBOT else 'on_robot'
             where, action = 'sensor.sign', f'set sensor.sign to {other}'
-        yield _Candidate(where, statement, action, mended)
+        yield Mistake(where, statement, action), mended
         if number == 0:
             both = mended._replace(tool=not r.tool)
-            yield _Candidate(where, f'{frame}, and {statement}', f'{remedy}, and {action}', both)
+            yield Mistake(where, f'{frame}, and {statement}', f'{remedy}, and {action}'), both
 
 
-def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Hypothesis]:
     """Order and senses of the joints."""
     for number, (matrix, statement, action) in enumerate(_JOINTS):
         where = 'joint angles'
@@ -510,14 +496,14 @@ def _of_joints(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
         elif origin is not Origin.ARRAYS and number > 0:
             signs = [sign * turned for sign, turned in zip(cell.direction, matrix[::3], strict=True)]
             where, action = 'robot.direction', f'set robot.direction to {signs}'
-        yield _Candidate(where, statement, action, r._replace(joints=_applied(matrix, r.joints)))
+        yield Mistake(where, statement, action), r._replace(joints=_applied(matrix, r.joints))
 
 
-def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candidate, _Agreement]]:
+def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[Mistake, _Agreement]]:
     """Joint 1 turns the reading of joint 2 as well, by the part with which the touches agree best."""
     free = np.append(r.free[:-1], 1.0)
     starts = (r._replace(nominal=np.append(r.nominal[:-1], part), free=free) for part in np.linspace(-2.0, 2.0, 21))
-    fit, mended = min(((_fit(start), start) for start in starts), key=lambda item: item[0].misfit)
+    fit = min(map(_fit, starts), key=lambda fit: fit.misfit)
     part = float(fit.parameters[-1])
     if abs(part) < _Limits.least_coupling:
         return
@@ -531,10 +517,10 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[tuple[_Candida
         statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
-    yield _Candidate(where, statement, action, mended), fit
+    yield Mistake(where, statement, action), fit
 
 
-def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Hypothesis]:
     """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs."""
     centers, radii, own = r.surfaces.centers, r.surfaces.radii, r.surfaces.object
     round_ones = [(d, disc.name) for d, disc in enumerate(cell.discs) if not isinstance(disc, Outline)]
@@ -545,7 +531,7 @@ def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             moved = np.where(here[:, None], _applied(matrix, centers), centers)
             if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
-                yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
+                yield Mistake(where, f'{statement} in the {which}', action), r.with_surfaces(centers=moved)
         value = float(radii[here][0])
         stated, halved = ('', 'halve it') if where == 'objects' else (f' {value:g}', f'set it to {0.5 * value:g}')
         halved += ' and add the radius of the tip if it is not contained'
@@ -553,16 +539,16 @@ def _of_discs(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             (0.5, f'radius{stated} is the diameter of {name}', halved),
             (2.0, f'radius of {name} is half of what it should be', 'double it'),
         ):
-            yield _Candidate(where, statement, action, r.with_surfaces(radii=np.where(here, factor * radii, radii)))
+            yield Mistake(where, statement, action), r.with_surfaces(radii=np.where(here, factor * radii, radii))
     for (i, one), (j, other) in combinations(round_ones, 2):
         first, second = own == i, own == j
         if abs(radii[first][0] - radii[second][0]) > _Limits.same_length:
             swapped = np.where(first, radii[second][0], np.where(second, radii[first][0], radii))
             statement = f'the radii, or the centers, of {one} and {other} are swapped'
-            yield _Candidate('objects', statement, 'exchange them', r.with_surfaces(radii=swapped))
+            yield Mistake('objects', statement, 'exchange them'), r.with_surfaces(radii=swapped)
 
 
-def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Hypothesis]:
     """A diameter for the radius of the tip, or none: it displaces the edges and corners of outlines."""
     is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[r.surfaces.object]
     corner, edge = is_outline & ~r.surfaces.is_edge, r.surfaces.is_edge[:, None] * r.surfaces.normals
@@ -572,47 +558,49 @@ def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
         changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
     for statement, action, more in changes:
         mended = r.with_surfaces(radii=r.surfaces.radii + more * corner, centers=r.surfaces.centers + more * edge)
-        yield _Candidate('tip.radius', statement, action, mended)
+        yield Mistake('tip.radius', statement, action), mended
 
 
-def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[_Candidate, _Agreement]]:
+def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[Mistake, _Agreement]]:
     """Each of three discs or more displaced by the median miss of its touches, again and again as the fit follows."""
     for number, disc in enumerate(cell.discs if len(cell.discs) > 2 else ()):
         mended, found = r, stated
         own = r.surfaces.object == number
         for _ in range(4):
-            miss = found.left.miss[found.left.disc == number]
+            miss = found.miss[found.object == number]
             off = np.median(miss, axis=0) if len(miss) else np.zeros(2)
             mended = mended.with_surfaces(centers=mended.surfaces.centers - own[:, None] * off)
             found = _fit(mended)
-        far = 1e3 * np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0])
+        far = _MILLI * np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0])
         statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'
-        one = _Candidate(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again', mended)
-        yield one, found
+        yield Mistake(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again'), found
 
 
-def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
+def _of_nominal(r: _Reading) -> Iterator[_Hypothesis]:
     """Lengths of links and offsets of joints in the nominal parameters; values at which a parameter is held."""
-    nominal = r.nominal.copy()
-    if abs(r.nominal[L1] - r.nominal[L2]) > _Limits.same_length and r.free[[L1, L2]].all():
-        nominal[[L1, L2]] = nominal[[L2, L1]]
-        statement = 'the lengths of the two links are swapped'
-        yield _Candidate('robot.nominal: l1, l2', statement, 'exchange them', r._replace(nominal=nominal))
-    for j in (THETA1, THETA2) if r.free[[THETA1, THETA2]].all() else ():
-        for degrees in (90, 180, -90):
-            nominal = r.nominal.copy()
-            nominal[j] = wrap(nominal[j] + np.deg2rad(degrees))
-            statement, action = f'the offset {NAMES[j]} is wrong by {degrees}°', f'give {nominal[j]:.2f} rad'
-            yield _Candidate(f'robot.nominal.{NAMES[j]}', statement, action, r._replace(nominal=nominal))
-    for some in ((THETA1,), (THETA2,), (THETA1, THETA2)) if r.free[[THETA1, THETA2]].all() else ():
+
+    def mended(where: str, statement: str, action: str, at: list[int], value: Floats) -> _Hypothesis:
         nominal = r.nominal.copy()
-        nominal[[*some]] = np.deg2rad(nominal[[*some]])
-        if not nominal[[*some]].all():
-            continue
-        stated, right = (' and '.join(f'{NAMES[j]}: {each[j]:.6g}' for j in some) for each in (r.nominal, nominal))
-        statement = f'{stated}: in degrees, not in rad'
-        yield _Candidate('robot.nominal', statement, f'set {right}', r._replace(nominal=nominal))
+        nominal[at] = value
+        return Mistake(where, statement, action), r._replace(nominal=nominal)
+
+    lengths, offsets = [L1, L2], [THETA1, THETA2]
+    if abs(np.diff(r.nominal[lengths])[0]) > _Limits.same_length and r.free[lengths].all():
+        statement = 'the lengths of the two links are swapped'
+        yield mended('robot.nominal: l1, l2', statement, 'exchange them', lengths, r.nominal[lengths[::-1]])
+    for j, quarters in product(offsets, (1, 2, -1)) if r.free[offsets].all() else ():
+        right = wrap(r.nominal[[j]] + quarters * np.pi / 2)
+        statement, action = f'the offset {NAMES[j]} is wrong by {90 * quarters}°', f'give {right[0]:.2f} rad'
+        yield mended(f'robot.nominal.{NAMES[j]}', statement, action, [j], right)
+    for some in (offsets[:1], offsets[1:], offsets) if r.free[offsets].all() else ():
+        right = np.deg2rad(r.nominal[some])
+        if right.all():
+            stated, action = (
+                ' and '.join(f'{NAMES[j]}: {value:.6g}' for j, value in zip(some, each, strict=True))
+                for each in (r.nominal[some], right)
+            )
+            yield mended('robot.nominal', f'{stated}: in degrees, not in rad', f'set {action}', some, right)
     for j in np.flatnonzero(r.free[:-1] == 0).tolist():
         name, free = NAMES[j], np.where(np.arange(len(r.free)) == j, 1.0, r.free)
         statement = f'the fixed value {r.nominal[j]:g} {UNITS[name]} of {name} contradicts the touches'
-        yield _Candidate(f'fixed {name}', statement, 'correct it, or leave the parameter free', r._replace(free=free))
+        yield Mistake(f'fixed {name}', statement, 'correct it, or leave the parameter free'), r._replace(free=free)

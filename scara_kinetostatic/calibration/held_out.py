@@ -11,6 +11,9 @@ from scara_kinetostatic.calibration.fit_point import FINAL, force_error, force_r
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import minimise
 
+_FOLDS = 5
+"""Unless more are needed to leave enough touches to each fit."""
+
 
 class HeldOut(NamedTuple):
     """e_f (10) over touches each predicted by a fit without it.
@@ -36,7 +39,9 @@ def held_out_force_error(calibration: Calibration) -> HeldOut:
     places = np.flatnonzero(c.used)
     n = len(places)
     spare = n - fewest_touches(c.subspace.basis.shape[1])
-    folds = max(2, min(5, n)) if spare < 1 else min(n, max(5, -(-n // spare)))  # as many as leave enough to each fit
+    folds = (
+        max(2, min(_FOLDS, n)) if spare < 1 else min(n, max(_FOLDS, -(-n // spare)))
+    )  # as many as leave enough to each fit
     part = np.random.default_rng(0).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):

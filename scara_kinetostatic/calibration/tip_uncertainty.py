@@ -51,7 +51,7 @@ from scara_kinetostatic.model.kinematics import (
     tip_by_parameters,
     wrap,
 )
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import Parameters, percentage
 from scara_kinetostatic.model.tip import with_effects
 
 COVERAGE_FACTOR = 2.0
@@ -60,6 +60,8 @@ NEARLY_STRETCHED = 0.985
 """Of the arm's length: the workspace ends there, and as near to where the arm is folded."""
 LEVEL = 0.95
 """Coverage probability of the radius of a mixture."""
+_FAR = 8.0
+"""Standard deviations beyond which a normal distribution has nothing."""
 POSTURES = (1, -1)
 """Of the elbow: left and right."""
 LEAST_WITHIN = 0.1
@@ -327,7 +329,7 @@ def tip_uncertainty(c: Calibration) -> TipUncertainty:
     values[area.reached], touched[area.reached] = expanded, area.touched
     maps = zip(POSTURES, values, touched, area.reached, strict=True)
     return TipUncertainty(
-        coverage=f'{100 * LEVEL:.0f} %' if c.alternatives else f'k = {COVERAGE_FACTOR:g}',
+        coverage=percentage(LEVEL) if c.alternatives else f'k = {COVERAGE_FACTOR:g}',
         median=_statistic(np.median, expanded[known]),
         worst=_statistic(np.max, expanded[known]),
         at=_worst_pose(c, area, variances, expanded),
@@ -367,11 +369,11 @@ def radius(probabilities: Floats, means: Floats, covariances: Floats) -> Floats:
     std = np.sqrt(np.maximum(values, 1e-300))
     mean = (axes.swapaxes(-1, -2) @ means[..., None])[..., 0]
     nodes, weights = np.polynomial.legendre.leggauss(24)
-    low, high = np.zeros(len(means)), (np.linalg.norm(means, axis=-1) + 8 * std[..., 1]).max(axis=1)
+    low, high = np.zeros(len(means)), (np.linalg.norm(means, axis=-1) + _FAR * std[..., 1]).max(axis=1)
     for _ in range(20):
         middle = (low + high) / 2
         r = middle[:, None]
-        ends = np.maximum(-r, mean[..., 1] - 8 * std[..., 1]), np.minimum(r, mean[..., 1] + 8 * std[..., 1])
+        ends = np.maximum(-r, mean[..., 1] - _FAR * std[..., 1]), np.minimum(r, mean[..., 1] + _FAR * std[..., 1])
         half = np.maximum(ends[1] - ends[0], 0) / 2
         x = ((ends[0] + ends[1]) / 2)[..., None] + half[..., None] * nodes
         y = np.sqrt(np.maximum(r[..., None] ** 2 - x**2, 0))

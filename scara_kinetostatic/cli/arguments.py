@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.report import Document, Report
 
+Option = tuple[Any, ...]
+"""A row of a table of arguments (`_add_options`)."""
 EXIT_STATUSES = """\
 exit status:
   0  done
@@ -35,7 +37,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType) -> str:
-    """Adds the verb of a module: its `add_arguments`, its `run`, and its docstring as the help.
+    """Adds the verb of a module: its table `ARGUMENTS`, its `run`, and its docstring as the help.
 
     The first line of the docstring is for the list of verbs, what follows describes the verb, up to ``Example:``.
 
@@ -51,7 +53,7 @@ def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], mo
         epilog=f'example:\n{example}\n{EXIT_STATUSES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    _add_options(parser, module.ARGUMENTS)
     parser.set_defaults(run=module.run)
     return f'  {name:12}{summary[:1].lower()}{summary[1:].rstrip(".")}\n'
 
@@ -82,64 +84,50 @@ def whole(lowest: int) -> Callable[[str], Any]:
     return real(lowest, kind=int)
 
 
-def add_options(parser: argparse._ActionsContainer, *rows: tuple[Any, ...]) -> None:
+def _add_options(parser: argparse.ArgumentParser, rows: Sequence[str | Option | tuple[Option, ...]]) -> None:
     """Adds arguments by a table.
 
     Each row is name, metavar, kind and help: a kind is a type, a tuple of choices, or `bool` for a switch. What
-    `add_argument` needs besides, such as a default or the number of values, follows as a dict.
+    `add_argument` needs besides, such as a default or the number of values, follows as a dict. A title begins a group;
+    of several rows in one exactly one has to be given.
     """
-    for name, metavar, kind, meaning, *more in rows:
-        if kind is bool:
-            given: dict[str, Any] = {'action': 'store_true'}
-        else:
-            given = {'choices': kind} if isinstance(kind, tuple) else {'type': kind, 'metavar': metavar}
-        parser.add_argument(name, help=meaning, **given, **dict(*more))
+    group: argparse._ActionsContainer = parser
+    for row in rows:
+        if isinstance(row, str):
+            group = parser.add_argument_group(row)
+            continue
+        is_one_of = isinstance(row[0], tuple)
+        place = parser.add_mutually_exclusive_group(required=True) if is_one_of else group
+        for name, metavar, kind, meaning, *more in row if is_one_of else (row,):
+            given: dict[str, Any] = {'type': kind, 'metavar': metavar}
+            if kind is bool or isinstance(kind, tuple):
+                given = {'action': 'store_true'} if kind is bool else {'choices': kind}
+            place.add_argument(name, help=meaning, **given, **dict(*more))
 
 
-SEVERAL = {'action': 'append', 'default': []}
-"""Of an option that may be given several times."""
+def cell_option(default: str = "the paper's cell") -> Option:
+    """``--cell``; `default` says what is taken without it."""
+    return '--cell', 'FILE', Path, f'cell description (default: {default})'
 
 
-def add_cell(parser: argparse.ArgumentParser, default: str = "the paper's cell") -> None:
-    """Adds ``--cell``; `default` says what is taken without it."""
-    add_options(parser, ('--cell', 'FILE', Path, f'cell description (default: {default})'))
-
-
-def add_max_bytes(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--max-bytes``, which holds for child processes as well."""
-
-    def convert(text: str) -> int:
-        from scara_kinetostatic.bags.messages import MAX_BYTES
-
-        os.environ[MAX_BYTES] = str(value := whole(1)(text))
-        return value
-
-    meaning = 'a recording may unpack to so many bytes (default: 256 MiB or, if more, 200 times its size)'
-    add_options(parser, ('--max-bytes', 'N', convert, meaning))
-
-
-def add_seed(parser: argparse._ActionsContainer) -> None:
-    """Adds ``--seed``."""
-    add_options(parser, ('--seed', 'N', whole(0), 'seed of the noise (default: 0)', {'default': 0}))
-
-
-def add_results(
-    parser: argparse.ArgumentParser, default: str = '', files: str = '', *, required: bool = False, json: bool = True
-) -> None:
-    """Adds ``--out`` for a folder, and ``--json``.
+def out_option(default: str = '', files: str = '', *, required: bool = False) -> Option:
+    """``--out`` for a folder.
 
     Args:
-        parser: of the verb.
         default: folder; empty: nothing is written without the option.
         files: that are written, for the help.
         required: whether the folder has to be named.
-        json: whether there is ``--json``.
     """
     meaning = f'results (default: {default})' if default else f'folder for {files or "the results"}'
-    folder = Path(default) if default else None
-    parser.add_argument('--out', type=_folder, default=folder, required=required, metavar='DIR', help=meaning)
-    if json:
-        parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    return '--out', 'DIR', _folder, meaning, {'default': Path(default) if default else None, 'required': required}
+
+
+def _max_bytes(text: str) -> int:
+    """Holds for child processes as well."""
+    from scara_kinetostatic.bags.messages import MAX_BYTES as VARIABLE
+
+    os.environ[VARIABLE] = str(value := whole(1)(text))
+    return value
 
 
 def _folder(text: str) -> Path:
@@ -147,6 +135,18 @@ def _folder(text: str) -> Path:
     if os.path.isfile(text):  # noqa: PTH113  that of Path raises where a folder above may not be entered
         raise argparse.ArgumentTypeError(f'{text} cannot be written: it is a file, expected a folder')
     return Path(text)
+
+
+NANO = 1e-9
+"""Seconds of a nanosecond."""
+SEVERAL = {'action': 'append', 'default': []}
+"""Of an option that may be given several times."""
+MAX_BYTES: Option = (
+    *('--max-bytes', 'N', _max_bytes),
+    'a recording may unpack to so many bytes (default: 256 MiB or, if more, 200 times its size)',
+)
+SEED: Option = '--seed', 'N', whole(0), 'seed of the noise (default: 0)', {'default': 0}
+JSON: Option = '--json', '', bool, 'print JSON instead of text'
 
 
 def cell_or_paper(path: Path | None) -> Cell:

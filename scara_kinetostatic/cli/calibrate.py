@@ -33,33 +33,28 @@ import argparse
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import (
+    MAX_BYTES,
     SEVERAL,
-    add_cell,
-    add_max_bytes,
-    add_options,
-    add_results,
+    cell_option,
     check_file,
     check_strict,
+    out_option,
     progress,
 )
 from scara_kinetostatic.errors import InputError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(parser, ('bags', 'BAG', Path, 'recordings, or touch tables (.csv), of one robot', {'nargs': '+'}))
-    add_cell(parser, 'the one in the recording')
-    add_max_bytes(parser)
-    add_results(parser, 'calibration', json=False)
-    fix = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
-    leave_out = 'leave out touches (5, 10-14), by their numbers in the result, or a recording (NAME); repeatable'
-    add_options(
-        parser,
-        ('--fix', 'NAME[=VALUE]', str, fix, SEVERAL),
-        ('--leave-out', 'TOUCHES', str, leave_out, SEVERAL),
-        ('--residuals', 'FILE.csv', Path, 'write residuals.csv there as well'),
-        ('--strict', '', bool, 'exit status 3 where the result is unfit for use; it is written all the same'),
-    )
+_FIX = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
+_LEAVE_OUT = 'leave out touches (5, 10-14), by their numbers in the result, or a recording (NAME); repeatable'
+ARGUMENTS = (
+    ('bags', 'BAG', Path, 'recordings, or touch tables (.csv), of one robot', {'nargs': '+'}),
+    cell_option('the one in the recording'),
+    MAX_BYTES,
+    out_option('calibration'),
+    ('--fix', 'NAME[=VALUE]', str, _FIX, SEVERAL),
+    ('--leave-out', 'TOUCHES', str, _LEAVE_OUT, SEVERAL),
+    ('--residuals', 'FILE.csv', Path, 'write residuals.csv there as well'),
+    ('--strict', '', bool, 'exit status 3 where the result is unfit for use; it is written all the same'),
+)
 
 
 def run(args: argparse.Namespace) -> None:

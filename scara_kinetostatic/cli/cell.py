@@ -21,27 +21,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options, check_file, note, real
+from scara_kinetostatic.cli.arguments import check_file, note, real
 from scara_kinetostatic.errors import InputError, ParameterError
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    source = parser.add_mutually_exclusive_group(required=True)
-    add_options(
-        source,
-        ('--urdf', 'FILE', Path, 'URDF of the robot'),
-        ('--topic', 'NAME', str, 'topic that carries it, such as robot_description'),
-    )
-    held = 'position of another joint, rad or m; several, or repeatable'
-    add_options(
-        parser,
-        ('--joints', ('SHOULDER', 'ELBOW'), str, 'the two joints', {'nargs': 2, 'required': True}),
-        ('--tip', 'LINK', str, 'link whose origin is the tip', {'required': True}),
-        ('--at', 'JOINT=VALUE', _position, held, {'nargs': '+', 'action': 'extend', 'default': []}),
-        ('--sensor', 'LINK', str, 'link in whose frame the wrench is (default: the tip)', {'default': ''}),
-        ('--out', 'FILE', Path, 'the cell description; must not exist', {'required': True}),
-    )
 
 
 def _position(text: str) -> tuple[str, float]:
@@ -49,6 +30,20 @@ def _position(text: str) -> tuple[str, float]:
     if not equals:
         raise argparse.ArgumentTypeError(f'expected JOINT=VALUE, got {text!r}')
     return name, real()(value)
+
+
+_HELD = 'position of another joint, rad or m; several, or repeatable'
+ARGUMENTS = (
+    (
+        ('--urdf', 'FILE', Path, 'URDF of the robot'),
+        ('--topic', 'NAME', str, 'topic that carries it, such as robot_description'),
+    ),
+    ('--joints', ('SHOULDER', 'ELBOW'), str, 'the two joints', {'nargs': 2, 'required': True}),
+    ('--tip', 'LINK', str, 'link whose origin is the tip', {'required': True}),
+    ('--at', 'JOINT=VALUE', _position, _HELD, {'nargs': '+', 'action': 'extend', 'default': []}),
+    ('--sensor', 'LINK', str, 'link in whose frame the wrench is (default: the tip)', {'default': ''}),
+    ('--out', 'FILE', Path, 'the cell description; must not exist', {'required': True}),
+)
 
 
 def run(args: argparse.Namespace) -> None:

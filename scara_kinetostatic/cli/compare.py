@@ -19,13 +19,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_report
+from scara_kinetostatic.cli.arguments import JSON, out_option, print_report
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(parser, ('calibrations', 'CALIBRATION.json', Path, 'two or more, by time', {'nargs': '+'}))
-    add_results(parser, 'comparison')
+ARGUMENTS = (
+    ('calibrations', 'CALIBRATION.json', Path, 'two or more, by time', {'nargs': '+'}),
+    out_option('comparison'),
+    JSON,
+)
 
 
 def run(args: argparse.Namespace) -> None:

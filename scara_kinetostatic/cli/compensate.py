@@ -32,7 +32,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import add_options, check_file, note
+from scara_kinetostatic.cli.arguments import Option, check_file, note
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,19 +43,16 @@ if TYPE_CHECKING:
     from scara_kinetostatic.model.effect_law import TouchMetadata
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_files(parser, 'POSES.csv', 'wanted places of the tip and forces')
-
-
-def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None:
-    """Adds the calibration, the table and ``--out``."""
-    add_options(
-        parser,
+def files(table: str, meaning: str) -> tuple[Option, ...]:
+    """The options of the calibration, the table and ``--out``."""
+    return (
         ('calibration', 'CALIBRATION.json', Path, 'or a cell.yaml: the nominal arm'),
         ('table', table, Path, meaning),
         ('--out', 'FILE.csv', Path, 'the table with its results', {'required': True}),
     )
+
+
+ARGUMENTS = files('POSES.csv', 'wanted places of the tip and forces')
 
 
 def run(args: argparse.Namespace) -> None:

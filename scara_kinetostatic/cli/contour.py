@@ -26,25 +26,21 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEVERAL, add_max_bytes, add_options, add_results, print_result, real
+from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, SEVERAL, out_option, print_result, real
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    shapes = ('pieces', 'circle', 'line')
-    cell = 'topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)'
-    fit = 'fit this shape to every outline; pieces: split it into lines and arcs and fit each; repeatable'
-    add_options(
-        parser,
-        ('bag', 'BAG', Path, 'recording of joint states and wrenches'),
-        ('--calibration', 'FILE', Path, 'calibration.json of this robot', {'required': True}),
-        ('--cell', 'FILE', Path, cell),
-        ('--tip-radius', 'M', real(0), 'radius of the tip, m (default: as the cell states it)'),
-        ('--fit', '', shapes, fit, SEVERAL),
-    )
-    add_results(parser, required=True)
-    add_max_bytes(parser)
+_CELL = 'topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)'
+_FIT = 'fit this shape to every outline; pieces: split it into lines and arcs and fit each; repeatable'
+ARGUMENTS = (
+    ('bag', 'BAG', Path, 'recording of joint states and wrenches'),
+    ('--calibration', 'FILE', Path, 'calibration.json of this robot', {'required': True}),
+    ('--cell', 'FILE', Path, _CELL),
+    ('--tip-radius', 'M', real(0), 'radius of the tip, m (default: as the cell states it)'),
+    ('--fit', '', ('pieces', 'circle', 'line'), _FIT, SEVERAL),
+    out_option(required=True),
+    JSON,
+    MAX_BYTES,
+)
 
 
 def run(args: argparse.Namespace) -> None:

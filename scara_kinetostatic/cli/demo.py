@@ -18,23 +18,20 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, real
+from scara_kinetostatic.cli.arguments import SEED, cell_option, real
 from scara_kinetostatic.errors import OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.nodes.demo import DemoResult
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    folder, factor = {'default': Path('demo')}, {'default': 10.0}
-    add_options(
-        parser,
-        ('--out', 'DIR', Path, 'each run makes a folder in it (default: demo)', folder),
-        ('--time-factor', 'X', real(0.01), 'simulated seconds per second, at most (default: 10)', factor),
-    )
-    add_cell(parser)
-    add_seed(parser)
+_FACTOR = 'simulated seconds per second, at most (default: 10)'
+ARGUMENTS = (
+    ('--out', 'DIR', Path, 'each run makes a folder in it (default: demo)', {'default': Path('demo')}),
+    ('--time-factor', 'X', real(0.01), _FACTOR, {'default': 10.0}),
+    cell_option(),
+    SEED,
+)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -77,7 +74,7 @@ def _print_result(result: DemoResult) -> None:
         for name, (true, value, spread, z) in zip(NAMES, numbers, strict=True)
     )
     print(f'{result.message}\n')
-    print(Table(('', 'truth', 'estimate', 'std', 'z', 'unit'), ('',) * 6, rows).text())
+    print(Table(('', 'truth', 'estimate', 'std', 'z', 'unit'), (), rows).text())
     print(f'z: error in standard deviations, at most {np.nanmax(np.abs(deviation)):.2f}\n')
     print(f'recording:   {result.recording}')
     print(f'report:      {result.results / "report.html"}')

@@ -18,10 +18,10 @@ from __future__ import annotations
 import argparse
 
 from scara_kinetostatic.cli.arguments import (
-    add_cell,
-    add_options,
-    add_results,
+    JSON,
+    cell_option,
     cell_or_paper,
+    out_option,
     print_report,
     progress,
     real,
@@ -31,28 +31,24 @@ from scara_kinetostatic.cli.arguments import (
 _positive = real(0, above=True)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_cell(parser)
-    accuracy = 'largest standard deviation of the tip, m (default: half the tolerance of the cell, or 1e-5)'
-    add_options(parser, ('--accuracy', 'S', real(0, 5e-3, above=True), accuracy))
-    add_results(parser, files='plan.yaml, design.json, design.html')
-    add_options(
-        parser.add_argument_group('robot'),
-        ('--expected', 'WHAT', str, '"nominal", "paper", "measured" or a YAML file', {'default': 'nominal'}),
-        ('--noise-joint', 'S', _positive, 'joint noise of one touch, rad'),
-        ('--noise-force', 'S', _positive, 'force noise of one touch, N'),
-        ('--load', 'F', _positive, 'on the loaded tip, N (default: top level)'),
-        ('--under-load', '', bool, 'the accuracy is required of the loaded tip'),
-    )
-    group = parser.add_argument_group('candidate touches')
-    levels = {'nargs': '+', 'default': [10.0, 25.0, 40.0]}
-    add_options(
-        group,
-        ('--levels', 'F', _positive, 'force levels, N (default: 10 25 40)', levels),
-        ('--postures', '', ('both', 'left', 'right'), 'of the elbow (default: both)', {'default': 'both'}),
-        ('--per-disc', 'N', whole(3), 'points around a disc (default: 36)', {'default': 36}),
-    )
+_ACCURACY = 'largest standard deviation of the tip, m (default: half the tolerance of the cell, or 1e-5)'
+_LEVELS = {'nargs': '+', 'default': [10.0, 25.0, 40.0]}
+ARGUMENTS = (
+    cell_option(),
+    ('--accuracy', 'S', real(0, 5e-3, above=True), _ACCURACY),
+    out_option(files='plan.yaml, design.json, design.html'),
+    JSON,
+    'robot',
+    ('--expected', 'WHAT', str, '"nominal", "paper", "measured" or a YAML file', {'default': 'nominal'}),
+    ('--noise-joint', 'S', _positive, 'joint noise of one touch, rad'),
+    ('--noise-force', 'S', _positive, 'force noise of one touch, N'),
+    ('--load', 'F', _positive, 'on the loaded tip, N (default: top level)'),
+    ('--under-load', '', bool, 'the accuracy is required of the loaded tip'),
+    'candidate touches',
+    ('--levels', 'F', _positive, 'force levels, N (default: 10 25 40)', _LEVELS),
+    ('--postures', '', ('both', 'left', 'right'), 'of the elbow (default: both)', {'default': 'both'}),
+    ('--per-disc', 'N', whole(3), 'points around a disc (default: 36)', {'default': 36}),
+)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -26,22 +26,20 @@ import argparse
 import math
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_report, real
+from scara_kinetostatic.cli.arguments import JSON, out_option, print_report, real
 from scara_kinetostatic.errors import InputError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(parser, ('tables', 'FILE.csv', Path, 'tables of readings', {'nargs': '+'}))
-    add_results(parser, files='dial_gauge.json and dial_gauge.html')
-    nan = {'default': math.nan}
-    add_options(
-        parser.add_argument_group('for tables without these columns'),
-        ('--part', '', ('gripper', 'joint1', 'joint2'), 'the elastic part (default: gripper)', {'default': 'gripper'}),
-        ('--lever', 'M', real(0, above=True), 'lever arm of the force, m', nan),
-        ('--direction', 'DEG', real(), 'direction of the positive force', nan),
-        ('--gauge-at', '', ('tip', 'link'), 'place of the dial gauge (default: link for a joint)', {'default': ''}),
-    )
+_PARTS = ('gripper', 'joint1', 'joint2')
+ARGUMENTS = (
+    ('tables', 'FILE.csv', Path, 'tables of readings', {'nargs': '+'}),
+    out_option(files='dial_gauge.json and dial_gauge.html'),
+    JSON,
+    'for tables without these columns',
+    ('--part', '', _PARTS, 'the elastic part (default: gripper)', {'default': 'gripper'}),
+    ('--lever', 'M', real(0, above=True), 'lever arm of the force, m', {'default': math.nan}),
+    ('--direction', 'DEG', real(), 'direction of the positive force', {'default': math.nan}),
+    ('--gauge-at', '', ('tip', 'link'), 'place of the dial gauge (default: link for a joint)', {'default': ''}),
+)
 
 
 def run(args: argparse.Namespace) -> None:

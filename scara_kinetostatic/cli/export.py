@@ -31,26 +31,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEVERAL, add_options, check_file, note, real
+from scara_kinetostatic.cli.arguments import SEVERAL, check_file, note, real
 from scara_kinetostatic.errors import ParameterError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    formats = ('urdf', 'xacro', 'dh', 'csv', 'header')
-    add_options(
-        parser,
-        ('calibration', 'CALIBRATION.json', Path, 'of the result of calibrate'),
-        ('--format', '', formats, 'of the file', {'required': True}),
-        ('--out', 'FILE', Path, 'the file (default: stdout)'),
-        ('--into', 'FILE', Path, 'of urdf: the URDF of the robot, which is corrected'),
-    )
-    force = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
-    add_options(
-        parser.add_argument_group('of csv'),
-        ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: 0.025)', {'default': 0.025}),
-        ('--force', 'N', real(0), force, SEVERAL),
-    )
+_FORMATS = ('urdf', 'xacro', 'dh', 'csv', 'header')
+_FORCE = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
+ARGUMENTS = (
+    ('calibration', 'CALIBRATION.json', Path, 'of the result of calibrate'),
+    ('--format', '', _FORMATS, 'of the file', {'required': True}),
+    ('--out', 'FILE', Path, 'the file (default: stdout)'),
+    ('--into', 'FILE', Path, 'of urdf: the URDF of the robot, which is corrected'),
+    'of csv',
+    ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: 0.025)', {'default': 0.025}),
+    ('--force', 'N', real(0), _FORCE, SEVERAL),
+)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -22,21 +22,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options, print_result
+from scara_kinetostatic.cli.arguments import print_result
 from scara_kinetostatic.errors import InputError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    robot = 'name of the robot (default: as its cell description identifies it)'
-    add_options(
-        parser,
-        ('action', '', ('add', 'list', 'page', 'extract', 'remove'), 'what to do'),
-        ('file', 'FILE', Path, 'the SQLite file'),
-        ('items', 'CALIBRATION.json', str, 'files to add; or numbers to extract or remove', {'nargs': '*'}),
-        ('--robot', 'NAME', str, robot, {'default': ''}),
-        ('--out', 'DIR', Path, 'of page (default: history)', {'default': Path('history')}),
-    )
+_ROBOT = 'name of the robot (default: as its cell description identifies it)'
+ARGUMENTS = (
+    ('action', '', ('add', 'list', 'page', 'extract', 'remove'), 'what to do'),
+    ('file', 'FILE', Path, 'the SQLite file'),
+    ('items', 'CALIBRATION.json', str, 'files to add; or numbers to extract or remove', {'nargs': '*'}),
+    ('--robot', 'NAME', str, _ROBOT, {'default': ''}),
+    ('--out', 'DIR', Path, 'of page (default: history)', {'default': Path('history')}),
+)
 
 
 def run(args: argparse.Namespace) -> None:

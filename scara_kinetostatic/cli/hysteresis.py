@@ -23,25 +23,20 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_report
+from scara_kinetostatic.cli.arguments import JSON, out_option, print_report
 from scara_kinetostatic.errors import InputError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    predict = 'records driven by load, to predict: from the unloading on, in loops after the first third'
-    many: dict[str, Any] = {'nargs': '+', 'default': []}
-    add_options(
-        parser,
-        ('tables', 'FILE.csv', Path, 'continuous records', {'nargs': '+'}),
-        ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
-        ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
-        ('--driven', '', ('load', 'motion'), 'what drives the records (default: a column says it, or both are tried)'),
-        ('--predict', 'OTHER.csv', Path, predict, many),
-    )
-    add_results(parser, files='hysteresis.json and hysteresis.html')
+_PREDICT = 'records driven by load, to predict: from the unloading on, in loops after the first third'
+ARGUMENTS = (
+    ('tables', 'FILE.csv', Path, 'continuous records', {'nargs': '+'}),
+    ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
+    ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
+    ('--driven', '', ('load', 'motion'), 'what drives the records (default: a column says it, or both are tried)'),
+    ('--predict', 'OTHER.csv', Path, _PREDICT, {'nargs': '+', 'default': []}),
+    out_option(files='hysteresis.json and hysteresis.html'),
+    JSON,
+)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -15,19 +15,19 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, print_result
+from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, NANO, cell_option, print_result
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.touches.detection import Detection
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(parser, ('bag', 'BAG', Path, 'the recording, or a touch table (.csv)'))
-    add_cell(parser, 'the one in the recording')
-    add_max_bytes(parser)
-    add_options(parser, ('--json', '', bool, 'print JSON instead of text'))
+ARGUMENTS = (
+    ('bag', 'BAG', Path, 'the recording, or a touch table (.csv)'),
+    cell_option('the one in the recording'),
+    MAX_BYTES,
+    JSON,
+)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
         found['topics'] = [{'name': name, 'type': kind} for name, kind in topics]
         stamps = streams.joints.stamp, streams.wrench.stamp
         for name, stamp in zip(streams.topics or cell.sensor.topics, stamps, strict=True):
-            duration, gaps = 1e-9 * float(stamp[-1] - stamp[0]), 1e-9 * (stamp[1:] - stamp[:-1])
+            duration, gaps = NANO * float(stamp[-1] - stamp[0]), NANO * (stamp[1:] - stamp[:-1])
             found['streams'][name] = {
                 'messages': len(stamp),
                 'duration': duration,

@@ -24,19 +24,15 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import add_options, check_file
-from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
+from scara_kinetostatic.cli.arguments import check_file
+from scara_kinetostatic.cli.compensate import files, metadata_of, write
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_files(parser, 'STATES.csv', 'joint angles and forces')
-    add_options(
-        parser,
-        ('--rigid', '', bool, 'leave out all deflection and backlash'),
-        ('--nominal', '', bool, 'take the nominal parameters, without effects; their uncertainty is nan'),
-        ('--measured', '', bool, 'forces as the sensor reports them: the errors found of it are removed first'),
-    )
+ARGUMENTS = (
+    *files('STATES.csv', 'joint angles and forces'),
+    ('--rigid', '', bool, 'leave out all deflection and backlash'),
+    ('--nominal', '', bool, 'take the nominal parameters, without effects; their uncertainty is nan'),
+    ('--measured', '', bool, 'forces as the sensor reports them: the errors found of it are removed first'),
+)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -1,4 +1,8 @@
-"""`scara-kinetostatic VERB …`: runs a verb and turns exceptions into exit statuses."""
+"""`scara-kinetostatic VERB …`: runs a verb and turns exceptions into exit statuses, here alone.
+
+A verb is one file: its help as docstring, a table of its `ARGUMENTS`, and `run`, which imports what it needs.
+`arguments` has what verbs share.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
-from scara_kinetostatic import __version__
+from scara_kinetostatic import __version__, cli
 from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError, naming_missing_libraries
 from scara_kinetostatic.threads import process_of_one_thread
@@ -29,6 +33,10 @@ VERBS = {
     'studies': ('paper', 'dial-gauge', 'hysteresis', 'mujoco'),
 }
 """In the groups and the order of the help; each is a module of this package."""
+
+
+_SIGNALLED = 128
+"""The exit status of a process that a signal ends is this and the signal's number."""
 
 
 class _TerminatedError(BaseException):
@@ -68,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # as in `… | head`
         _forget_stdout()
-        return 141
+        return _SIGNALLED + signal.SIGPIPE
     except OSError as error:  # as in `… > /dev/full`
         _forget_stdout()
         return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', 2)
@@ -93,9 +101,9 @@ def _run(argv: Sequence[str] | None) -> int:
     except ScaraKinetostaticError as error:
         return _say(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
     except KeyboardInterrupt:
-        return _say('interrupted', 130)
+        return _say('interrupted', _SIGNALLED + signal.SIGINT)
     except _TerminatedError:
-        return _say('terminated', 143)
+        return _say('terminated', _SIGNALLED + signal.SIGTERM)
     except BrokenPipeError:
         raise
     except Exception as error:
@@ -103,31 +111,18 @@ def _run(argv: Sequence[str] | None) -> int:
         if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
             raise
         if received and not debug:  # what was interrupted may fail in its own way when it is closed
-            return _say('terminated', 143)
+            return _say('terminated', _SIGNALLED + signal.SIGTERM)
         remedy = 'please report it with what scara-kinetostatic --debug … prints'
         return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
 
 def build_parser(verb: str = '') -> argparse.ArgumentParser:
     """The parser of one verb, which is faster, or of the whole command."""
-    description = """\
-Kinetostatic calibration of a SCARA robot by touch: the robot presses against
-discs of known position while joint angles and forces are recorded; from the
-recording its link lengths, offsets, compliances and backlashes are estimated,
-each with its uncertainty. Model errors are detected, identified and corrected.
-"""
-    example = """\
-try it without a robot:
-  scara-kinetostatic simulate --out recording
-  scara-kinetostatic inspect recording
-  scara-kinetostatic calibrate recording --out result
-with an effect that the base model lacks:
-  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --out larger
-  scara-kinetostatic calibrate larger --out result
-
-"""
+    description, _, example = (cli.__doc__ or '').partition('\nExample:\n')
     parser: argparse.ArgumentParser = Parser(
-        prog='scara-kinetostatic', epilog=example + EXIT_STATUSES, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog='scara-kinetostatic',
+        epilog=f'{example}\n{EXIT_STATUSES}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=f'scara-kinetostatic {__version__}')
     parser.add_argument('--debug', action='store_true', help='show the traceback of an error')

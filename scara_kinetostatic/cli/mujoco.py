@@ -21,20 +21,16 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, cell_or_paper, whole
+from scara_kinetostatic.cli.arguments import NANO, SEED, cell_option, cell_or_paper, whole
 from scara_kinetostatic.errors import OutputError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(
-        parser,
-        ('out', 'OUT', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
-        ('--scene', 'NAME', str, 'robot and discs (default: plain)', {'default': 'plain'}),
-        ('--per-disc', 'N', whole(1), 'points around a disc (default: 12)', {'default': 12}),
-    )
-    add_cell(parser)
-    add_seed(parser)
+ARGUMENTS = (
+    ('out', 'OUT', Path, 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'),
+    ('--scene', 'NAME', str, 'robot and discs (default: plain)', {'default': 'plain'}),
+    ('--per-disc', 'N', whole(1), 'points around a disc (default: 12)', {'default': 12}),
+    cell_option(),
+    SEED,
+)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -60,6 +56,6 @@ def run(args: argparse.Namespace) -> None:
         streams = simulate_streams(scene, cell, plan, seed=args.seed)
         (workshop / beside.name).write_text(truth, encoding='utf-8')
         write_streams(args.out, streams, cell)
-    duration = 1e-9 * float(streams.joints.stamp[-1] - streams.joints.stamp[0])
+    duration = NANO * float(streams.joints.stamp[-1] - streams.joints.stamp[0])
     print(f'{args.out}: {len(plan)} touches of the scene {scene.name!r} in {duration:.0f} s of simulated time')
     print(f'{beside}: true parameters and effects')

@@ -24,7 +24,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, note, print_result, progress, whole
+from scara_kinetostatic.cli.arguments import note, out_option, print_result, progress, whole
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 
 if TYPE_CHECKING:
@@ -33,17 +33,14 @@ if TYPE_CHECKING:
     from scara_kinetostatic.planning.planner import DecidingTouches, PlannedTouches, Planner
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(
-        parser,
-        ('bags', 'BAG', Path, 'touches that were made: recordings, or touch tables (.csv)', {'nargs': '*'}),
-        ('--cell', 'FILE', Path, 'cell description, with robot.limits', {'required': True}),
-        ('--calibration', 'FILE', Path, 'calibration.json: its model; without a BAG its touches count, too'),
-        ('--touches', 'N', whole(1), 'how many (default: 12, none where it is enough)'),
-        ('--goal', '', ('accuracy', 'decide'), 'what for (default: accuracy)', {'default': 'accuracy'}),
-    )
-    add_results(parser, files='next.csv, plan.yaml, program.csv', required=True, json=False)
+ARGUMENTS = (
+    ('bags', 'BAG', Path, 'touches that were made: recordings, or touch tables (.csv)', {'nargs': '*'}),
+    ('--cell', 'FILE', Path, 'cell description, with robot.limits', {'required': True}),
+    ('--calibration', 'FILE', Path, 'calibration.json: its model; without a BAG its touches count, too'),
+    ('--touches', 'N', whole(1), 'how many (default: 12, none where it is enough)'),
+    ('--goal', '', ('accuracy', 'decide'), 'what for (default: accuracy)', {'default': 'accuracy'}),
+    out_option(files='next.csv, plan.yaml, program.csv', required=True),
+)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -109,6 +106,7 @@ def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | N
     if not args.calibration and not args.bags:
         return Planner(nominal), None
     from scara_kinetostatic.files.atomic import check_different
+    from scara_kinetostatic.model.parameters import NAMES
     from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import calibrate_touches, gather_touches
 
@@ -121,7 +119,7 @@ def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | N
     try:
         outcome = calibrate_touches(detection, cell, sources=args.bags)
     except UnsupportedDataError as error:
-        if len(detection.touches) >= 12:  # fewer need not allow a calibration yet
+        if len(detection.touches) >= len(NAMES):  # fewer need not allow a calibration yet
             raise
         note(f'planned from the nominal model: {error}')
         return Planner(nominal, touches=detection.touches), None

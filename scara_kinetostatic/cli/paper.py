@@ -16,13 +16,9 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, progress, whole
+from scara_kinetostatic.cli.arguments import out_option, progress, whole
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_results(parser, 'paper', json=False)
-    add_options(parser, ('--runs', 'N', whole(2), 'noisy data sets (default: 1000)', {'default': 1000}))
+ARGUMENTS = (out_option('paper'), ('--runs', 'N', whole(2), 'noisy data sets (default: 1000)', {'default': 1000}))
 
 
 def run(args: argparse.Namespace) -> None:

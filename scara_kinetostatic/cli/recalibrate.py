@@ -29,21 +29,18 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, add_results, print_result, progress
+from scara_kinetostatic.cli.arguments import MAX_BYTES, cell_option, out_option, print_result, progress
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(parser, ('recordings', 'RECORDING', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}))
-    add_cell(parser, 'the one in each recording')
-    add_max_bytes(parser)
-    add_results(parser, required=True, json=False)
-    add_options(
-        parser,
-        ('--no-report', '', bool, 'do not draw report.html of each recording, which takes a third of the time'),
-        ('--dask', 'ADDRESS', str, 'scheduler of a running cluster (default: one of all cores)', {'default': ''}),
-    )
+_NO_REPORT = 'do not draw report.html of each recording, which takes a third of the time'
+ARGUMENTS = (
+    ('recordings', 'RECORDING', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}),
+    cell_option('the one in each recording'),
+    MAX_BYTES,
+    out_option(required=True),
+    ('--no-report', '', bool, _NO_REPORT),
+    ('--dask', 'ADDRESS', str, 'scheduler of a running cluster (default: one of all cores)', {'default': ''}),
+)
 
 
 def run(args: argparse.Namespace) -> None:

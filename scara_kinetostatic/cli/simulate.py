@@ -17,42 +17,32 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_seed, cell_or_paper, real, whole
+from scara_kinetostatic.cli.arguments import NANO, SEED, SEVERAL, cell_option, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    out = 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'
-    effect = 'an effect beyond the parameters, SI; repeatable'
-    add_options(
-        parser,
-        ('--out', 'BAG', Path, out, {'required': True}),
-        ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
-        ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, effect, SEVERAL),
-        ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
-    )
-    add_cell(parser)
-    add_seed(parser)
-    add_options(
-        parser.add_argument_group('touches'),
-        ('--plan', 'FILE', Path, 'plan of touches, or of slides along objects (see docs/reference/formats.md)'),
-        ('--per-disc', 'N', whole(1), 'points around each disc (default: 12)'),
-        ('--levels', 'F', real(0, above=True), 'force levels, N (default: 10 25 40)', {'nargs': '+'}),
-        ('--preload', 'PART', real(0), 'press every other touch beyond its force by this part of it (default: 0)'),
-    )
-    add_options(
-        parser.add_argument_group('sensors'),
-        ('--noise-joint', 'S', real(0), 'of the joint angles, per touch, rad (default: as the cell)'),
-        ('--noise-force', 'S', real(0), 'of the force, per touch, N (default: as the cell)'),
-        ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)', {'default': 80.0}),
-        ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)', {'default': 98.0}),
-    )
-    add_options(
-        parser.add_argument_group('form of the recording'),
-        ('--compression', '', ('zstd',), 'of its chunks (default: none)'),
-        ('--plain', '', bool, 'the two topics only, as `ros2 bag record` writes them; no cell description'),
-    )
+_OUT = 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'
+_EFFECT = 'an effect beyond the parameters, SI; repeatable'
+ARGUMENTS = (
+    ('--out', 'BAG', Path, _OUT, {'required': True}),
+    ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
+    ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, _EFFECT, SEVERAL),
+    ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
+    cell_option(),
+    SEED,
+    'touches',
+    ('--plan', 'FILE', Path, 'plan of touches, or of slides along objects (see docs/reference/formats.md)'),
+    ('--per-disc', 'N', whole(1), 'points around each disc (default: 12)'),
+    ('--levels', 'F', real(0, above=True), 'force levels, N (default: 10 25 40)', {'nargs': '+'}),
+    ('--preload', 'PART', real(0), 'press every other touch beyond its force by this part of it (default: 0)'),
+    'sensors',
+    ('--noise-joint', 'S', real(0), 'of the joint angles, per touch, rad (default: as the cell)'),
+    ('--noise-force', 'S', real(0), 'of the force, per touch, N (default: as the cell)'),
+    ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)', {'default': 80.0}),
+    ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)', {'default': 98.0}),
+    'form of the recording',
+    ('--compression', '', ('zstd',), 'of its chunks (default: none)'),
+    ('--plain', '', bool, 'the two topics only, as `ros2 bag record` writes them; no cell description'),
+)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -88,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
             (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
         streams = simulate_streams(cell, truth, plan, sensors=sensors, seed=args.seed)
         write_streams(args.out, streams, cell, compression=args.compression, with_cell=not args.plain)
-    duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
+    duration = NANO * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
     what = count(len(plan), *(('slide',) if isinstance(plan, tuple) else ('touch', 'touches')))
     print(f'{args.out}: {what} in {duration:.0f} s of simulated time')
     print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.parameters.as_dict().items()))

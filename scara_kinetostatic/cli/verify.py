@@ -17,20 +17,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_max_bytes, add_options, add_results, check_strict, print_report
+from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, check_strict, out_option, print_report
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of the verb."""
-    add_options(
-        parser,
-        ('bags', 'BAG', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}),
-        ('--calibration', 'CALIBRATION.json', Path, 'of the result of calibrate', {'required': True}),
-        ('--cell', 'FILE', Path, 'cell description (default: that of the calibration)'),
-        ('--strict', '', bool, 'exit status 3 where the calibration is unfit; results are written anyway'),
-    )
-    add_results(parser, 'verification')
-    add_max_bytes(parser)
+ARGUMENTS = (
+    ('bags', 'BAG', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}),
+    ('--calibration', 'CALIBRATION.json', Path, 'of the result of calibrate', {'required': True}),
+    ('--cell', 'FILE', Path, 'cell description (default: that of the calibration)'),
+    ('--strict', '', bool, 'exit status 3 where the calibration is unfit; results are written anyway'),
+    out_option('verification'),
+    JSON,
+    MAX_BYTES,
+)
 
 
 def run(args: argparse.Namespace) -> None:

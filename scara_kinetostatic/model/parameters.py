@@ -69,6 +69,11 @@ def quantity(value: float, unit: str) -> str:
     return (f'{size:.2g} {prefix}{unit}' if abs(size) < 99.5 else f'{size:.0f} {prefix}{unit}').rstrip()
 
 
+def percentage(part: float, digits: str = '.0f') -> str:
+    """A part of a whole: `50 %`."""
+    return f'{100 * part:{digits}} %'
+
+
 def displacement(x: float, y: float) -> str:
     """A displacement in words: `75 µm further in x, 38 µm less in y`."""
     return ', '.join(f'{off(value, "m", "further", "less")} in {axis}' for axis, value in (('x', x), ('y', y)))

@@ -21,7 +21,7 @@ from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Note, Repor
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
-from scara_kinetostatic.results.messages import answer
+from scara_kinetostatic.results.report import answer
 
 
 def causes_document(causes: Causes) -> Document:

@@ -59,7 +59,7 @@ class Table(NamedTuple):
 
     Attributes:
         heading: one word or phrase per column.
-        units: of the columns, empty where there is none.
+        units: of the columns, empty where there is none; () where no column has one.
         rows: one cell per column; in a row with fewer cells the last one extends over the columns that remain.
         title: above it; empty for none.
         levels: of each row ``good``, ``caution``, ``bad``, ``faint`` or nothing; the colour on a page. Empty if no

@@ -7,11 +7,16 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
+from scara_kinetostatic.model.parameters import percentage as percentage
 
-MILLI, MICRO, PERCENT = 1e3, 1e6, 100.0
-"""Of the unit with the prefix, and of percent, so many are one."""
+MILLI, MICRO = 1e3, 1e6
+"""Of the unit with the prefix, so many are one."""
 NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
+
+
+_LEAST_P = 1e-12
+"""Of p-values below this only that is said."""
 
 
 class Scale(NamedTuple):
@@ -81,11 +86,6 @@ def micrometres(metres: float) -> str:
     return f'{size:#.3g}'.rstrip('.') if abs(size) < 999.5 else f'{size:.0f}'
 
 
-def percentage(part: float) -> str:
-    """A part of a whole: ``50 %``."""
-    return f'{PERCENT * part:.0f} %'
-
-
 def unsigned_zero(number: str) -> str:
     """A number as text without the sign of a zero: ``-0.0`` is ``0.0``."""
     return number if any(digit in number for digit in '123456789nf') else number.removeprefix('-').removeprefix('−')
@@ -101,12 +101,12 @@ def decimals(std: float) -> int | None:
 
 def chance(p_value: float) -> str:
     """A p-value in short."""
-    return f'{p_value:.2g}' if p_value >= 1e-12 else 'below 1e-12'
+    return f'{p_value:.2g}' if p_value >= _LEAST_P else f'below {_LEAST_P:g}'
 
 
 def p_equals(p_value: float) -> str:
     """A p-value with its sign, such as ``p = 0.02`` and ``p < 1e-12``."""
-    return f'p = {chance(p_value)}' if p_value >= 1e-12 else 'p < 1e-12'
+    return f'p = {chance(p_value)}' if p_value >= _LEAST_P else f'p < {_LEAST_P:g}'
 
 
 def count(number: int, thing: str, things: str = '') -> str:

@@ -16,8 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from scara_kinetostatic.assessment.criteria import rivals_in_words
-from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome, rivals_in_words
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.errors import ParameterError, one_line
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
@@ -127,7 +126,7 @@ Stated = str | int | float | list[str]
 """As ROS parameters have it."""
 
 
-class Fact(NamedTuple):
+class Described(NamedTuple):
     """One of the values: its type, and its meaning in a few words."""
 
     kind: type
@@ -135,24 +134,24 @@ class Fact(NamedTuple):
 
 
 FACTS = {
-    'assessment': Fact(str, 'may the result be used: fit, caution or unfit'),
-    'reasons': Fact(list, 'of the assessment, the gravest first'),
-    'actions': Fact(list, 'what to do, in the order of the reasons'),
-    'verdict': Fact(str, 'is the model complete: none, explained, ambiguous or unexplained'),
-    'effects': Fact(list, 'effects found'),
-    'possible_effects': Fact(list, 'effects of a model that is still incomplete'),
-    'rivals': Fact(list, 'groups of effects that the touches do not tell apart, each with commas'),
-    'possible_causes': Fact(list, 'the same in words, with their probabilities'),
-    'rank': Fact(int, 'how many combinations of the 12 parameters are determined'),
-    'confounded': Fact(list, 'groups of parameters that the touches do not separate, each with blanks'),
-    'touches.found': Fact(int, 'touches in the recordings'),
-    'touches.used': Fact(int, 'touches that the result is made from'),
-    'force_error.nominal': Fact(float, 'force error before, N'),
-    'held_out_force_error.extended': Fact(float, 'the same after, on touches not used in the fit, N'),
-    'tip_uncertainty': Fact(float, 'largest expanded uncertainty of the tip in the workspace (95 %), m'),
-    'warnings': Fact(list, 'irregularities of the recordings'),
-    'recordings': Fact(list, 'the recordings and touch tables'),
-    'created': Fact(str, 'when the result was calculated, UTC'),
+    'assessment': Described(str, 'may the result be used: fit, caution or unfit'),
+    'reasons': Described(list, 'of the assessment, the gravest first'),
+    'actions': Described(list, 'what to do, in the order of the reasons'),
+    'verdict': Described(str, 'is the model complete: none, explained, ambiguous or unexplained'),
+    'effects': Described(list, 'effects found'),
+    'possible_effects': Described(list, 'effects of a model that is still incomplete'),
+    'rivals': Described(list, 'groups of effects that the touches do not tell apart, each with commas'),
+    'possible_causes': Described(list, 'the same in words, with their probabilities'),
+    'rank': Described(int, 'how many combinations of the 12 parameters are determined'),
+    'confounded': Described(list, 'groups of parameters that the touches do not separate, each with blanks'),
+    'touches.found': Described(int, 'touches in the recordings'),
+    'touches.used': Described(int, 'touches that the result is made from'),
+    'force_error.nominal': Described(float, 'force error before, N'),
+    'held_out_force_error.extended': Described(float, 'the same after, on touches not used in the fit, N'),
+    'tip_uncertainty': Described(float, 'largest expanded uncertainty of the tip in the workspace (95 %), m'),
+    'warnings': Described(list, 'irregularities of the recordings'),
+    'recordings': Described(list, 'the recordings and touch tables'),
+    'created': Described(str, 'when the result was calculated, UTC'),
 }
 """By the part of the parameter's name after `calibration.`."""
 

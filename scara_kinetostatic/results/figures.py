@@ -31,6 +31,7 @@ from scara_kinetostatic.report.quantities import MICRO, MILLI, micrometres, perc
 
 _WIDTH, _HALF, _HEIGHT = 920.0, 450.0, 360.0
 """Of a figure, of one of two side by side, of one that is no map, pixels."""
+_WITH_TITLE = draw.Margins(top=26.0)
 _MARK, _ASIDE = 4.0, 8.0
 """Size of a mark; distance of a text from what it names, pixels."""
 _FAINT = 0.6
@@ -181,7 +182,7 @@ def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats) -> 
 
 def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
-    figure, axes = draw.new_figure(_WIDTH, _HEIGHT, columns=2, sharey=True, sharex=True)
+    figure, axes = draw.new_figure(_WIDTH, _HEIGHT, columns=2, margins=_WITH_TITLE, sharey=True, sharex=True)
     x, kinds = _side_by_side(found.x), np.unique(found.x)
     size = np.abs(np.concatenate([found.before, found.after, found.expected, [0.0] * (not len(x))]))
     # 0.97: this part of the touches lies well within the scale, so that single outliers do not change it
@@ -249,7 +250,7 @@ def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
     blank = (np.kron(lost, np.ones((4, 4))) > 0) | ~c.cell.can_take(inverse(p, fine, posture))
     shown = np.where(blank, np.nan, MICRO * _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
-    figure, axes = _from_above(fine[0, 0], fine[-1, -1], _HALF, draw.Margins(top=26))
+    figure, axes = _from_above(fine[0, 0], fine[-1, -1], _HALF, _WITH_TITLE)
     levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
     if len(levels) > 1:
         fills = [to_rgba(draw.SERIES[0], k / (2 * len(levels))) for k in range(len(levels) + 1)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import hypergeom
 
-from scara_kinetostatic.assessment.rejections import concentrations, hypergeometric_tail
+from scara_kinetostatic.assessment.evidence import concentrations, hypergeometric_tail
 
 OBJECT = np.arange(72) % 3
 RECORDING = (np.arange(72) >= 48).astype(np.intp)
