@@ -23,8 +23,9 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell, Disc
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.outline import Outline
+from scara_kinetostatic.model.parameters import MILLI
 
-LENGTH = ANGLE = 1e-3
+LENGTH = ANGLE = MILLI
 """Largest plausible error of a length, m, and of an angle, rad."""
 FINER = 13
 """Trials of a finer grid about one of a coarse grid."""

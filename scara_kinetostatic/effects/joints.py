@@ -28,6 +28,7 @@ from scara_kinetostatic.effects.base import ANGLE, FINER, EffectOfJoint, JointEf
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import wrap
+from scara_kinetostatic.model.parameters import MICRO, NANO
 from scara_kinetostatic.model.touch import LARGEST_RATIO, play_operator
 
 _GAIN = 1e-2
@@ -130,10 +131,10 @@ class JointHardening(JointEffect):
     plot_variable = 'torque'
     parameters = (
         Parameter(
-            'rate', 'rad/(Nm)^3', 1e-6, 'by which the deflection falls short of p c, over c^3', typical=1e-9, sign=-1
+            'rate', 'rad/(Nm)^3', MICRO, 'by which the deflection falls short of p c, over c^3', typical=NANO, sign=-1
         ),
     )
-    typical_size = 2e-9  # 2 µrad at 10 Nm
+    typical_size = 2 * NANO  # 2 µrad at 10 Nm
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-(at.torques[:, self.joint] ** 3),)

@@ -29,7 +29,7 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import displacement, off
+from scara_kinetostatic.model.parameters import MICRO, MILLI, displacement, off
 
 
 def _place_of(what: str) -> tuple[Parameter, ...]:
@@ -90,7 +90,7 @@ class ObjectRotation(DiscEffect):
     reference: tuple[float, float] = (0.0, 0.0)
 
     name = 'object_rotation'
-    parameters = (Parameter('angle', 'rad', 2e-2, 'true rotation less the stated one', typical=1e-3),)
+    parameters = (Parameter('angle', 'rad', 2e-2, 'true rotation less the stated one', typical=MILLI),)
     typical_size = 1e-4  # 10 µm over 0.1 m
     kinds = (Outline,)
     statement = '{target} is turned against what the cell description says'
@@ -170,7 +170,7 @@ class EdgeBow(DiscEffect):
 
     name = 'edge_bow'
     parameters = (Parameter('bow', 'm', LENGTH, 'of the middle, outwards, against the ends', typical=5e-5),)
-    typical_size = 3e-6  # a ground edge
+    typical_size = 3 * MICRO  # a ground edge
     statement = '{target} is not straight'
     confounded_with = 'a place or an offset of the object, if the edge is touched at one distance from its middle'
     identified_by = 'touches in the middle and near both ends of the edge, and of other edges or objects'
@@ -260,7 +260,7 @@ class ContactCompliance(EffectOfDiscs, LinearEffect):
 
     name = 'contact_compliance'
     parameters = (
-        Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N', typical=1e-5, sign=1),
+        Parameter('yield', 'm/N^(2/3)', MILLI, 'depth of the tip in the disc under 1 N', typical=1e-5, sign=1),
     )
     typical_size = 3e-7  # Hertz: steel on steel
     statement = 'the surface of {target} yields under the force'
@@ -294,7 +294,7 @@ class ContactFriction(EffectOfDiscs):
             'coefficient', '1', STICKING, 'angle of friction: that of the force from the normal', 0.0, STICKING, 1
         ),
     )
-    typical_size = 4e-3  # lubricated steel, pressed along the normal
+    typical_size = 4 * MILLI  # lubricated steel, pressed along the normal
     statement = 'friction between the tip and {target} turns the contact force, in the direction of the slide'
     confounded_with = (
         'a turned force sensor, if the tip slides the same way in all touches; that of one disc with that of all, if '

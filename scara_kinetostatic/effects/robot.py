@@ -44,6 +44,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
+from scara_kinetostatic.model.parameters import MICRO, MILLI
 
 COMPLIANCE = 1e-5
 """Largest plausible error of a compliance, m/N."""
@@ -64,7 +65,7 @@ class AnisotropicGripper(LinearEffect):
 
     name = 'anisotropic_gripper'
     parameters = (
-        Parameter('coupling', 'm/N', COMPLIANCE, 'p12: yield across link 2 per force along it', typical=1e-6),
+        Parameter('coupling', 'm/N', COMPLIANCE, 'p12: yield across link 2 per force along it', typical=MICRO),
         Parameter(
             'excess',
             'm/N',
@@ -102,7 +103,7 @@ class AnisotropicBacklash(LinearEffect):
         Parameter('a', 'm', LENGTH, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
         Parameter('b', 'm', LENGTH, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
     )
-    typical_size = 3e-6  # a fit of the gripper
+    typical_size = 3 * MICRO  # a fit of the gripper
     statement = 'the backlash of the gripper depends on the direction of the force, or the tip is oval'
     confounded_with = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
@@ -147,7 +148,7 @@ class LinkBending(LinearEffect):
     link: int = 0
 
     name = 'link_bending'
-    parameters = (Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness', typical=1e-5, sign=1),)
+    parameters = (Parameter('compliance', 'rad/Nm', MILLI, 'length over bending stiffness', typical=1e-5, sign=1),)
     typical_size = 4e-7  # a tube of aluminium
     statement = '{target} bends'
     confounded_with = (
@@ -185,8 +186,8 @@ class BaseCompliance(LinearEffect):
 
     name = 'base_compliance'
     parameters = (
-        Parameter('excess', 'm/N', COMPLIANCE, 'yield along x beyond the mean; as much less along y', typical=1e-6),
-        Parameter('coupling', 'm/N', COMPLIANCE, 'yield along y per force along x', typical=-2e-6),
+        Parameter('excess', 'm/N', COMPLIANCE, 'yield along x beyond the mean; as much less along y', typical=MICRO),
+        Parameter('coupling', 'm/N', COMPLIANCE, 'yield along y per force along x', typical=-2 * MICRO),
         Parameter(
             'common',
             'm/N',
@@ -294,7 +295,7 @@ class TipShape(LinearEffect):
         AnisotropicBacklash.parameters[0]._replace(meaning='radius along link 2 beyond the mean'),
         AnisotropicBacklash.parameters[1]._replace(meaning='the same at a quarter of a wave from link 2'),
     )
-    typical_size = 2e-6  # a ground pin
+    typical_size = 2 * MICRO  # a ground pin
     statement = 'the tip is {target}, not round'
     confounded_with = (
         'l2 and theta2, of which one lobe is a part, **always**; anisotropic_backlash, if it is oval; each other, if '
@@ -346,7 +347,7 @@ class SensorRotation(SensorEffect):
 
     name = 'sensor_rotation'
     parameters = (Parameter('angle', 'rad', SHARE, 'by which reported forces are turned', typical=SHARE),)
-    typical_size = 2e-3  # a flange with pins
+    typical_size = 2 * MILLI  # a flange with pins
     statement = 'the force sensor is rotated about its axis'
     confounded_with = 'contact friction, if the tip slides the same way in all touches'
     identified_by = 'touches that slide in both directions: preload every other touch'
@@ -372,7 +373,7 @@ class SensorNonlinearity(SensorEffect):
 
     name = 'sensor_nonlinearity'
     parameters = (
-        Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it', typical=1e-3),
+        Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it', typical=MILLI),
     )
     typical_size = 1e-4  # 0.4 % of 40 N
     statement = 'the gain of the force sensor depends on the force'
@@ -400,7 +401,7 @@ class SensorCrossTalk(SensorEffect):
         Parameter('xy', '1', SHARE, 'part of the force along y that is added to x', typical=0.015),
         Parameter('yx', '1', SHARE, 'part of the force along x that is added to y', typical=-0.01),
     )
-    typical_size = 2e-3  # calibrated six-axis sensors: 0.2 to 1 %
+    typical_size = 2 * MILLI  # calibrated six-axis sensors: 0.2 to 1 %
     statement = 'the force sensor has cross-talk or unequal gains'
     confounded_with = (
         'all compliances, by a gain common to both axes, **always**; sensor_rotation, if the forces have few '

@@ -35,6 +35,7 @@ from scara_kinetostatic.model.arrays import Floats, over_arrays, pick
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
+from scara_kinetostatic.model.parameters import MICRO
 
 
 class LinkGrowth(LinearEffect):
@@ -44,7 +45,7 @@ class LinkGrowth(LinearEffect):
     """
 
     name = 'thermal_drift'
-    parameters = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),)
+    parameters = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=MICRO),)
     typical_size = 1e-8  # 6 µrad, or 6 µm per metre, in ten minutes: 0.5 K of steel, 1.15e-5 per K
     statement = 'the links grow with time'
     confounded_with = 'places, postures or forces that change in the same order as time goes on'
@@ -101,7 +102,7 @@ class BaseMove(_Shifting, LinearEffect):
     """The base moves by (x, y): d = (x, y)."""
 
     statement = 'the base shifted during the recording'
-    typical_size = 3e-6  # fastened
+    typical_size = 3 * MICRO  # fastened
     parameters = (
         Parameter('x', 'm', LENGTH, 'movement along x'),
         Parameter('y', 'm', LENGTH, 'movement along y', typical=-5e-5),
