@@ -165,7 +165,7 @@ class DriftMonitor:
         self.last_distance = float(np.sqrt(touch.chi_squares(self._known)[0]))
         jacobian = touch.jacobian[0]
         expected = jacobian @ self._known.mean
-        bounded = (touch.residual[0] - expected) * min(1.0, LARGEST_RESIDUAL / max(self.last_distance, 1e-12))
+        bounded = (touch.residual[0] - expected) * LARGEST_RESIDUAL / max(self.last_distance, LARGEST_RESIDUAL)
         self._latest = (*self._latest[1 - MEMORY :], touch)
         found, kept = touch._replace(residual=(expected + bounded)[None]).information(), self._from_calibration
         earlier = [start._replace(since=start.since.plus(found)) for start in self._starts[1 - WINDOW :]]

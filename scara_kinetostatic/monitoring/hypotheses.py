@@ -15,7 +15,7 @@ import numpy as np
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.gaussian.information import Information
 from scara_kinetostatic.gaussian.linear_model import p_values
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, P_EE
 from scara_kinetostatic.monitoring.linear import LINEAR, CalibratedState
 from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 
@@ -36,7 +36,7 @@ _TITLES = {
     'theta2': 'the zero of joint 2 changed',
     'l1': 'link 1 changed its length',
     'l2': 'link 2 or the tool changed its length',
-    **{name: f'the {DESCRIPTIONS[name].partition(",")[0]} changed' for name in NAMES[6:]},
+    **{name: f'the {DESCRIPTIONS[name].partition(",")[0]} changed' for name in NAMES[P_EE:]},
     'object_position': '{} moved',
     'object_radius': 'the radius of {} changed',
     'plate_position': 'plate {} moved',

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import datetime
+from datetime import datetime, timedelta
 from functools import partial
 
 import numpy as np
@@ -221,7 +221,7 @@ def history_report(trends: Sequence[Trend], picture: str = 'trend') -> Report:
 def _trend_picture(trend: Trend, name: str) -> Markup:
     figure, panels = new_figure(760, 760, 4, 3, sharex=True)
     times = [datetime.strptime(entry.record.measured, '%Y-%m-%dT%H:%M:%SZ') for entry in trend.entries]
-    days = np.array([(time - times[0]).total_seconds() / 86400 for time in times])
+    days = np.array([(time - times[0]) / timedelta(days=1) for time in times])
     for place, (axes, parameter) in enumerate(zip(panels, NAMES, strict=True)):
         rows = [entry.record.document['parameters'][parameter] for entry in trend.entries]
         moved = [c is not None and c.has_changed and c.parameters[place].p_value < LEVEL for c in trend.changes]
@@ -230,8 +230,8 @@ def _trend_picture(trend: Trend, name: str) -> Markup:
         for key, width, colour in (('std', 0.8, FAINT), ('std_noise', 2.4, INK)):
             stds = 2 * per_si * np.array([np.nan if row[key] is None else row[key] for row in rows])
             axes.errorbar(days, values, stds, fmt='none', ecolor=colour, elinewidth=width)
-        axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, markersize=6, zorder=3)
-        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=6, zorder=3)
+        axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, zorder=3)
+        axes.plot(days[moved], values[moved], 'o', color=WARN, zorder=3)
         axes.set_title(f'{parameter}  [{unit}]')
     for axes in panels[-3:]:
         axes.set_xlabel('days since the first')

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
@@ -221,7 +221,7 @@ def verify(
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.known, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
-    outlies &= outlies.mean() <= 0.1  # `Limits.most_rejected`; more are no outliers: something has changed
+    outlies &= outlies.mean() <= Limits.most_rejected  # more are no outliers: something has changed
     if outlies.any():
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.known, noise)

@@ -58,10 +58,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.grade import Limits
+from scara_kinetostatic.calibration.estimate import fewest_touches
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks, leverage
 from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
@@ -248,8 +250,8 @@ def held_out_ratio(robot: RobotModel, plan: Plan, folds: int = 5, divisions: int
 
 MOST_TOUCHES = 200
 """Largest set that is searched for."""
-FEWEST_TOUCHES = 7
-"""Smallest number of touches with which the calibration estimates twelve parameters: two equations each."""
+FEWEST_TOUCHES = fewest_touches(len(NAMES))
+"""Smallest number of touches with which the calibration estimates all parameters: two equations each."""
 
 
 def largest_variance(candidates: CandidateTouches, chosen: Sequence[int]) -> float:
@@ -297,15 +299,14 @@ def choose(candidates: CandidateTouches, number: int, per_disc: int = 0) -> list
     for _ in range(min(number, len(discs))):
         found, reached = best_beside(chosen)
         chosen.append(found)
-    for _ in range(12):  # passes over all positions of the set
+    before = np.inf
+    while reached < before * (1 - 1e-2):  # passes over all positions of the set
         before = reached
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
             found, value = best_beside(others)
             if value < reached * (1 - 1e-3):
                 chosen, reached = [*others[:place], found, *others[place:]], value
-        if reached > before * (1 - 1e-2):
-            break
     return chosen
 
 

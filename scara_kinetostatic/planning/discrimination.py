@@ -46,7 +46,7 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.parameters import UNITS, quantity
+from scara_kinetostatic.model.parameters import MILLI, UNITS, quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
@@ -59,8 +59,6 @@ _STEPS = np.outer([1.0, 2.0, 5.0], 10.0 ** np.arange(-9, 0)).ravel(order='F')
 """Standard uncertainties of a measurement that are tried, SI."""
 _LEAST_PLACE, _LEAST_LENGTH = 2e-6, 2e-5
 """No place of an object and no length of a link is measured better, m."""
-_LEAST_DOUBT = 1e-9
-"""Keeps quotients finite."""
 _APART = 0.03
 """Distance of a further object from the others, m."""
 
@@ -180,10 +178,10 @@ class Rivals(NamedTuple):
 
     def doubt_left(self, outlook: Forecast) -> float:
         """The part, 0 to 1, that a forecast leaves of what the choice between them adds to an uncertainty."""
-        if outlook.decided >= 0.5:
+        doubt = 1 - float(self.probability.max())
+        if outlook.decided >= 0.5 or doubt <= 0:
             return 0.0
-        doubt = (1 - outlook.probability) / max(1 - float(self.probability.max()), _LEAST_DOUBT)
-        return float(min(doubt, 1.0) ** 0.5)
+        return float(min((1 - outlook.probability) / doubt, 1.0) ** 0.5)
 
     def _sizes(self, effect: Effect) -> Floats:
         """Rows that pick the sizes of an effect, in their units, from all values: of what is named, declared and too
@@ -258,7 +256,7 @@ class Rivals(NamedTuple):
         radius = float(np.median([disc.radius for disc in discs]))
         std = float(np.median([disc.center_std for disc in discs])) or 1e-5
         span = robot.parameters.l1 + robot.parameters.l2
-        places = span * np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 6)] * 2), axis=-1).reshape(-1, 2)
+        places = 0.8 * span * np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 6)] * 2), axis=-1).reshape(-1, 2)
         places = places[cell.region.holds(places)]
         gaps = np.linalg.norm(places[:, None] - cell.centers, axis=-1) - cell.radii - radius
         further, plans, count = list[Disc](), list[Plan](), len(cell.discs)
@@ -290,7 +288,7 @@ class Rivals(NamedTuple):
                 continue
             found = self.forecast(_whitened_by(flat[:, kept], flat[:, ~kept]))
             if found.probability > best.probability:
-                best, where = found, f'x {1e3 * one.x:.0f} mm, y {1e3 * one.y:.0f} mm'.replace('-', '−')
+                best, where = found, f'x {one.x / MILLI:.0f} mm, y {one.y / MILLI:.0f} mm'.replace('-', '−')
         if best.probability < self._enough:
             return []
         return [f'touch a further disc at about {where}, its place known to {quantity(std, "m")}']

@@ -46,7 +46,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.parameters import MILLI, P_EE, quantity
 from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidate_touches import (
@@ -61,6 +61,7 @@ from scara_kinetostatic.planning.candidate_touches import (
 from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.motion import Roadmap, Space, Waypoints, Ways, short_order
 from scara_kinetostatic.planning.prediction import RobotModel, contributions, exact_plan, tip_in_use
+from scara_kinetostatic.report.quantities import PERCENT
 from scara_kinetostatic.simulation.plan import Plan
 
 UNSUSPECTED = 0.01
@@ -100,7 +101,7 @@ class TipForecast(NamedTuple):
         return (
             f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (95 %)'
             f', the tolerance is {quantity(tolerance, "m")}: '
-            f'{100 * self.share:.0f} % of its variance is from {self.limit}'
+            f'{PERCENT * self.share:.0f} % of its variance is from {self.limit}'
         )
 
 
@@ -263,7 +264,7 @@ class Planner:
         beside three standard deviations of tip and discs.
         """
         cell = self.arm.cell
-        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, 3e-3 + self._off))
+        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, 3 * MILLI + self._off))
 
     @property
     def _off(self) -> float:
@@ -275,7 +276,7 @@ class Planner:
         """How far before its place a contact may come, m: half of what is searched; where the arm is known, a
         millimetre beside three standard deviations of tip and discs.
         """
-        return min(0.5 * self.arm.cell.touch.search, 1e-3 + self._off)
+        return min(0.5 * self.arm.cell.touch.search, MILLI + self._off)
 
     @cached_property
     def roadmap(self) -> Roadmap:
@@ -284,7 +285,7 @@ class Planner:
 
     def approach(self, plan: Plan) -> Waypoints:
         """Where the tip begins to approach each touch."""
-        off = self.space.clearance + 1e-3
+        off = self.space.clearance + MILLI
         return Waypoints(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
 
     def problems(self, plan: Plan) -> list[str]:
@@ -315,7 +316,7 @@ class Planner:
         has_corners = np.array([isinstance(item, Outline) for item in cell.discs])[plan.disc]
         corner = has_corners & (np.where(touched.is_edge, to_end, size) < cell.touch.search)
         one, two = cell.joint_names
-        within = f'within {1e3 * self.space.clearance:.1f} mm'
+        within = f'within {self.space.clearance / MILLI:.1f} mm'
         cases = {
             'beyond touch.max_force': force > cell.touch.max_force,
             'given up': left,
@@ -324,7 +325,7 @@ class Planner:
             f'an object, the base or the end of the reach is {within}': ~clear,
             'the press would drag the tip off it': slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0)),
             'a corner is nearer than touch.search, and the arm is not yet calibrated': corner
-            & self.arm.undetermined[:6].any(),
+            & self.arm.undetermined[:P_EE].any(),
             'no way leads there': ~joined,
         }
         return [str(text) for text in np.select(list(cases.values()), list(cases), '')]
@@ -462,7 +463,7 @@ class Planner:
         found = []
         for k, best in zip(chosen, values[np.argmax(without / variance, axis=1)].tolist(), strict=True):
             verb = 'decides' if best >= self._values or best in self._in_doubt else 'sharpens'
-            preload = f', preload {100 * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
+            preload = f', preload {PERCENT * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
             found.append(f'{verb} {names[best].rpartition(".")[0] or names[best]}{preload}')
         return found
 

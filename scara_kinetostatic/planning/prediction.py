@@ -52,7 +52,7 @@ from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.joint_law import joint_deflection
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import MICRO, Parameters
 from scara_kinetostatic.model.tip import (
     Force,
     Law,
@@ -65,6 +65,9 @@ from scara_kinetostatic.model.tip import (
 )
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame, simulate_touches
+
+MANY = 108
+"""Touches that are many."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,7 @@ class Statement(NamedTuple):
         return cls(tip.worst, {source: float(np.sqrt(square)) for source, square in ordered})
 
     @classmethod
-    def of_many(cls, robot: RobotModel, every: Plan, number: int = 108) -> tuple[int, Statement]:
+    def of_many(cls, robot: RobotModel, every: Plan, number: int = MANY) -> tuple[int, Statement]:
         """How many touches, evenly distributed over all that can be made, are many, and what is expected with them."""
         at = np.linspace(0, len(every) - 1, min(number, len(every))).round().astype(np.intp)
         return len(at), cls.of(robot, every.select(at))
@@ -368,5 +371,5 @@ def tip_std(tip: Floats, prediction: Prediction) -> Floats:
     variance = np.einsum('gdik,kl,gdil->gd', tip, prediction.covariance, tip, optimize=True)
     if prediction.motions.size:
         motion = np.abs(tip @ prediction.motions).max(axis=(2, 3))
-        variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
+        variance = np.where(motion > MICRO, np.inf, variance)  # m, well below any accuracy that is asked for
     return np.asarray(np.sqrt(variance))
