@@ -34,7 +34,6 @@ from scipy.special import erfc
 
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.gaussian.information import Information
 from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
@@ -193,7 +192,8 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     known, held = both if len(only_before) >= len(only_after) else both[::-1]
     known = _known_there(known, held)
     state = CalibratedState.of(known, held.arm.cell, _by_undetected(*both, known))
-    evidence = _evidence(known, held, state)
+    at_noise = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
+    evidence = state.known.change(measure(held.touches, at_noise, state).information())
     if held is before:  # the change from it is asked for
         evidence = evidence._replace(score=-evidence.score)
     evidence = evidence.beside(_undetermined(both, state))
@@ -233,12 +233,6 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         not_compared=not_compared,
         notes=tuple(_notes(before, after, parameters)),
     )
-
-
-def _evidence(known: CalibrationRecord, held: CalibrationRecord, state: CalibratedState) -> Information:
-    """What the touches of a calibration, with its noise, say of a change since another one."""
-    model = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
-    return state.known.change(measure(held.touches, model, state).information())
 
 
 def _difference(name: str, both: Sequence[CalibrationRecord]) -> float:

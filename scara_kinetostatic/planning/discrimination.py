@@ -48,7 +48,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.parameters import MILLI, UNITS, quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
-from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan, is_size
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 _MOST_SETS = 8
@@ -189,7 +189,7 @@ class Rivals(NamedTuple):
         """
         robot, names, declared = self.robot, self.robot.model.names, self.robot.declared
         places = declared.places.get(effect.declared_as or effect.label, ()) if declared else ()
-        sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
+        sizes = np.flatnonzero(is_size(effect))
         rows, first = np.zeros((len(sizes), self.change.shape[1])), self.change.shape[1] - len(robot.random)
         for number, (row, k) in enumerate(zip(rows, sizes.tolist(), strict=True)):
             if (name := f'{effect.label}.{effect.parameters[k].name}') in names:
@@ -301,5 +301,5 @@ def _whitened_by(rows: Floats, errors: Floats) -> Floats:
 
 def _held(effect: Effect) -> str:
     """How its sizes are held, all of them: so the forecast takes them."""
-    sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
+    sizes = np.flatnonzero(is_size(effect))
     return ' --fix '.join(f"'{effect.label}.{effect.parameters[k].name}=VALUE'" for k in sizes.tolist())

@@ -38,6 +38,7 @@ from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
@@ -55,12 +56,12 @@ from scara_kinetostatic.planning.candidate_touches import (
     CandidateTouches,
     candidate_plan,
     choose,
-    declared_rows,
     prepare_candidates,
+    scaled_rows,
 )
 from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.motion import Roadmap, Space, Waypoints, Ways, short_order
-from scara_kinetostatic.planning.prediction import RobotModel, contributions, exact_plan, tip_in_use
+from scara_kinetostatic.planning.prediction import RobotModel, contributions, is_size, tip_in_use
 from scara_kinetostatic.report.quantities import PERCENT
 from scara_kinetostatic.simulation.plan import Plan
 
@@ -193,21 +194,45 @@ class Planner:
         """The same before it is assessed."""
         found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
         doubtful = {item.effect.label for item in found.found if not item.is_found}
-        now = known_or_infinite(tip.worst, tip.undetermined)
-        suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-        of_tip = {item.label: item.tip for item in outcome.budget}
-        rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
-        undetected, choice = undecided_parts(tip.worst, of_tip)
-        if rivals is None:
-            undetected, choice = float(np.hypot(undetected, choice)), 0.0
         sizes = dict[str, float]()
         if final.random is not None:
             for column, size in zip(final.random.columns, final.random.size, strict=True):
                 part, label = size / abs(column.effect.typical[column.parameter]), column.effect.label
                 sizes[label] = max(part, sizes.get(label, 0.0))
-        limit = max(outcome.budget, key=lambda item: np.nan_to_num(item.tip)).title
-        touches = final.touches.select(final.used)
-        return cls(final.arm, now, touches, suspected, given_up, undetected, sizes, limit, rivals, choice)
+        of_tip, touches = {item.label: item.tip for item in outcome.budget}, final.touches.select(final.used)
+        suspected = frozenset(doubtful.union(*map(set, found.rivals)))
+        rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
+        planner = cls.of_statement(final.arm, tip.worst, tip.undetermined, of_tip, touches, suspected, rivals)
+        return replace(planner, given_up=given_up, sizes=sizes)
+
+    @classmethod
+    def of_statement(
+        cls,
+        arm: CalibratedArm,
+        worst: float | None,
+        undetermined: float,
+        of_tip: Mapping[str, float],
+        touches: TouchSet | None,
+        suspected: frozenset[str],
+        rivals: Rivals | None = None,
+    ) -> Planner:
+        """By what a calibration states of the tip.
+
+        Args:
+            arm: as of `Planner`, like `touches`, `suspected` and `rivals`.
+            worst: its largest expanded uncertainty, m; None where there is none.
+            undetermined: the part of the region where it is not determined.
+            of_tip: standard uncertainty of it by source, as of a budget, m.
+            touches: that were made.
+            suspected: effects.
+            rivals: sets of effects.
+        """
+        undetected, choice = undecided_parts(worst or 0.0, of_tip)
+        if rivals is None:
+            undetected, choice = float(np.hypot(undetected, choice)), 0.0
+        now = known_or_infinite(worst, undetermined)
+        limit = title_of(max(of_tip, key=lambda label: float(np.nan_to_num(of_tip[label]))))
+        return cls(arm, now, touches, suspected, (), undetected, {}, limit, rivals, choice)
 
     @cached_property
     def robot(self) -> RobotModel:
@@ -223,7 +248,7 @@ class Planner:
         sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
         for k, effect in enumerate(undecided, len(own)):
             part = 1.0 if effect.label in self.suspected else self.sizes.get(effect.label, UNSUSPECTED)
-            size = np.where(_is_size(effect), part, 1.0) * np.abs(effect.typical)
+            size = np.where(is_size(effect), part, 1.0) * np.abs(effect.typical)
             if effect.grid_parameter:  # linear about the effect in this form, which stays
                 values[k] = tuple(size.tolist())
                 size[effect.grid_parameter_index] = 0.0
@@ -235,7 +260,7 @@ class Planner:
     def _in_doubt(self) -> Indices:
         """Which of the values are sizes of effects that are suspected."""
         effects = self.robot.effects
-        doubt = [_is_size(effect) & (effect.label in self.suspected) for effect in effects]
+        doubt = [is_size(effect) & (effect.label in self.suspected) for effect in effects]
         return len(self.robot.parameters.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
 
     @cached_property
@@ -355,19 +380,17 @@ class Planner:
     def _information_made(self) -> Floats:
         """Information of the touches that were made."""
         t, arm, cell = self.touches, self.arm, self.arm.cell
-        size = len(declared_rows(self.robot)[0])
+        size = len(self.robot.all_scales)
         if t is None or not len(t):
             return np.zeros((size, size))
         metadata = TouchMetadata.of(t, cell.sensor.frame)
         force = force_on_object(arm, t.force, t.joints, metadata)
         tips = direct_kinetostatics(arm.model.parameters, t.joints, force, cell.gripper_sign)[0]
         plan = Plan(t.disc, cell.surfaces.angles(t.disc, tips, force), t.posture, np.hypot(*force.T))
-        pressed = inverse_kinetostatics(arm.model.parameters, plan.contact(cell), force, t.posture, cell.gripper_sign)[
-            0
-        ]
+        at = plan.contact(cell)
+        pressed, _ = inverse_kinetostatics(arm.model.parameters, at, force, t.posture, cell.gripper_sign)
         there = np.asarray(np.isfinite(pressed).all(axis=1))
-        point = exact_plan(self.robot, plan.select(there), metadata.select(there)).point
-        rows = (point.whitened.jacobian * declared_rows(self.robot)[0]).reshape(-1, size)
+        rows = scaled_rows(self.robot, plan.select(there), metadata.select(there)).reshape(-1, size)
         return np.asarray(rows.T @ rows)
 
     @cached_property
@@ -383,7 +406,7 @@ class Planner:
         Raises:
             UnsupportedDataError: no touch can be reached.
         """
-        return self._arranged(self.candidates, choose(self.candidates, number))
+        return self._arranged(choose(self.candidates, number))
 
     @cached_property
     def _rows(self) -> Floats:
@@ -411,25 +434,23 @@ class Planner:
 
     def discriminating(self, decision: DecidingTouches, number: int) -> PlannedTouches:
         """The first so many of the touches that decide most."""
-        return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
+        return self._arranged(decision.chosen[:number], self._in_doubt)
 
-    def _arranged(
-        self, candidates: CandidateTouches, chosen: list[int], decided: Indices | None = None
-    ) -> PlannedTouches:
+    def _arranged(self, chosen: list[int], decided: Indices | None = None) -> PlannedTouches:
         """Chosen touches, which tell `decided` values, in the order of a short way."""
-        plan = candidates.plan.select(np.array(chosen, dtype=np.intp))
-        reasons = self._reasons(candidates, chosen, decided)
+        plan = self.candidates.plan.select(np.array(chosen, dtype=np.intp))
+        reasons = self._reasons(chosen, decided)
         own = self.approach(plan)
         ways = self.roadmap.ways(own)
         order = short_order(ways.lengths)
-        at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(candidates, chosen)
+        at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 
-    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> TipForecast:
+    def _uncertainty(self, chosen: list[int]) -> TipForecast:
         """Of the tip by the arm's own model, without what is undecided."""
-        count = self._values
+        candidates, count = self.candidates, self._values
         kept = np.r_[:count, len(self.robot.model.names) : len(candidates.prior)]
-        scales = declared_rows(self.robot)[0][kept]
+        scales = self.robot.all_scales[kept]
 
         def covariance(information: Floats) -> Floats:
             return np.asarray(scales[:, None] * np.linalg.inv(information[np.ix_(kept, kept)]) * scales)
@@ -437,7 +458,7 @@ class Planner:
         together = candidates.information_of(chosen)
         least = covariance(together + MOST_TOUCHES * candidates.information.mean(axis=0))
         own = least[:count, :count]
-        before, after = (self._largest(covariance(made)[:count, :count]) for made in (self.candidates.prior, together))
+        before, after = (self._largest(covariance(made)[:count, :count]) for made in (candidates.prior, together))
         ratio, undetected = 1.0, 0.0
         if self.now is not None and np.isfinite(self.now):
             apart = self.undetected**2 + self.choice**2
@@ -454,9 +475,9 @@ class Planner:
                 limit, share = 'the choice between possible causes', (left / many) ** 2
         return TipForecast(self.now, planned, many, limit, share, undetected)
 
-    def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
+    def _reasons(self, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""
-        names = self.robot.model.names
+        names, candidates = self.robot.model.names, self.candidates
         values = np.arange(len(names)) if among is None or not len(among) else among
         variance = np.diagonal(np.linalg.inv(candidates.information_of(chosen)))[values]
         without = np.diagonal(candidates.covariance_without_each(chosen), axis1=1, axis2=2)[:, values]
@@ -475,11 +496,6 @@ def discrimination_of(evidence: Evidence) -> Discrimination | None:
     except ScaraKinetostaticError:  # nothing can be touched
         return None
     return None if found is None else found.outlook
-
-
-def _is_size(effect: Effect) -> Mask:
-    """Which of an effect's values are its size, the others its form, (k,)."""
-    return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
 
 
 def _counted(problems: NDArray[np.str_]) -> str:

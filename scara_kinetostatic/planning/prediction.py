@@ -46,7 +46,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.gaussian.linear_model import leverage
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -125,6 +125,19 @@ class RobotModel:
         """What the cell description declares as uncertain; None where everything counts as exactly known."""
         return DeclaredErrors.of(self.cell)
 
+    @cached_property
+    def all_scales(self) -> Floats:
+        """Units of all values and the declared errors, (12 + k + m,); values of effects in their plausible sizes."""
+        errors = 0 if self.declared is None else self.declared.count
+        return np.concatenate([self.scales, self.effect_sizes, np.ones(errors)])
+
+    @cached_property
+    def declared_rows(self) -> Floats:
+        """The rows of the prior of what is declared, in these units, (p, 12 + k + m)."""
+        if self.declared is None:
+            return np.zeros((0, len(self.all_scales)))
+        return self.declared.prior.rows(len(self.all_scales) - self.declared.count) * self.all_scales
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -158,6 +171,11 @@ class Prediction:
     def contributions(self, tip: Floats) -> dict[str, float]:
         """Those to the covariance."""
         return contributions(self.together, len(self.std), self.declared, tip)
+
+
+def is_size(effect: Effect) -> Mask:
+    """Which of an effect's values are its size, the others its form, (k,)."""
+    return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
 
 
 class Statement(NamedTuple):
