@@ -12,9 +12,9 @@ from markupsafe import Markup
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.monitoring.change import Causes, change_title
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend
-from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
 from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Note, Report, Section, Table, Verdict, sentence
