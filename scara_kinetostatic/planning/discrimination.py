@@ -281,16 +281,13 @@ class Rivals(NamedTuple):
             return []
         old = np.array([name in known for name in every.names], dtype=bool)
         kept = np.concatenate([np.ones(first, dtype=bool), old, np.ones(len(robot.random), dtype=bool)])
-        best, where = Forecast(0.0, 0.0), ''
-        for one, touched in zip(further, rows, strict=True):
-            flat = touched.reshape(-1, len(kept))
-            if not np.isfinite(flat).all():
-                continue
-            found = self.forecast(_whitened_by(flat[:, kept], flat[:, ~kept]))
-            if found.probability > best.probability:
-                best, where = found, f'x {one.x / MILLI:.0f} mm, y {one.y / MILLI:.0f} mm'.replace('-', '−')
-        if best.probability < self._enough:
+        flat = [touched.reshape(-1, len(kept)) for touched in rows]
+        able = [(one, h) for one, h in zip(further, flat, strict=True) if np.isfinite(h).all()]
+        found = [self.forecast(_whitened_by(h[:, kept], h[:, ~kept])).probability for _, h in able]
+        if max(found, default=0.0) < self._enough:
             return []
+        best = able[int(np.argmax(found))][0]
+        where = f'x {best.x / MILLI:.0f} mm, y {best.y / MILLI:.0f} mm'.replace('-', '−')
         return [f'touch a further disc at about {where}, its place known to {quantity(std, "m")}']
 
 

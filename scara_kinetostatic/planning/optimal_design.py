@@ -11,7 +11,7 @@ the number of touches, and what is left with the largest number that a design co
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -181,7 +181,7 @@ def optimal_design(
     accuracy = q.accuracy or (tolerance / 2 if tolerance else max(1e-5, _ABOVE_LIMIT * lowest))
     candidates = prepare_candidates(robot, every, tip)
     if accuracy < lowest:
-        raise _out_of_reach(robot, tip, accuracy, very_many)
+        raise _out_of_reach(robot, lowest, accuracy, very_many.contributions(tip))
     judged = prepare_candidates(robot, every, tip, mean=True)
     judged = judged.counting(np.arange(len(robot.model.names)), _SHARE_OF_PARAMETERS, _USUAL)
     report('accuracy by the number of touches', 0.0)
@@ -205,10 +205,11 @@ def optimal_design(
     )
 
 
-def _out_of_reach(robot: RobotModel, tip: Floats, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
+def _out_of_reach(
+    robot: RobotModel, lowest: float, accuracy: float, parts: Mapping[str, float]
+) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
-    lowest = float(tip_std(tip, very_many).max())
-    kind, part = max(very_many.contributions(tip).items(), key=lambda item: item[1])
+    kind, part = max(parts.items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if robot.cell.tolerance == 2 * accuracy else ''
     return UnsupportedDataError(
