@@ -33,9 +33,9 @@ from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.change import CalibratedState, measure
 from scara_kinetostatic.monitoring.comparison import compare
 from scara_kinetostatic.monitoring.drift import DriftMonitor
-from scara_kinetostatic.monitoring.linear import CalibratedState, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
 from scara_kinetostatic.touches.detection import Detection

@@ -1,6 +1,6 @@
 """What changed between two calibrations of one robot, in its uncertainty.
 
-The touches of one calibration are held against the other one, as `verify` holds new ones (`linear`): with the joint
+The touches of one calibration are held against the other one, as `verify` holds new ones (`change`): with the joint
 covariance C₀ of its values and of the errors of the cell they are evidence for a change of the values,
 
     d = Λ⁻¹ b,    cov d = Λ⁻¹,    dᵀ Λ d ~ χ²,
@@ -8,7 +8,7 @@ covariance C₀ of its values and of the errors of the cell they are evidence fo
 b and Λ of the values that may have changed. Errors of the cell description are the same in both, as are undetected
 effects of the robot, which are values of its model: C₀ says how they moved the estimates and predicts what they do to
 the touches, so they cancel. The discs stand where they stood. An object that the cells describe otherwise is another
-one (`linear.described_otherwise`). What undetected effects of objects and sensor do to the values is
+one (`change.described_otherwise`). What undetected effects of objects and sensor do to the values is
 
     S = (G_A - G_B)(G_A - G_B)ᵀ,
 
@@ -19,7 +19,7 @@ The calibration that names more effects is the one that the touches of the other
 is a value that may have changed. Effects that are not comparable (`is_comparable`) are taken as each calibration found
 them for its own touches. Directions that either calibration does not determine are left out.
 
-Which part moved says the likelihood ratio of each hypothesis (`hypotheses`).
+Which part moved says the likelihood ratio of each hypothesis (`change`).
 """
 
 from __future__ import annotations
@@ -34,15 +34,20 @@ from scipy.special import erfc
 
 from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.gaussian.information import Information
 from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS
-from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
-from scara_kinetostatic.monitoring.linear import CalibratedState, described_otherwise, measure
+from scara_kinetostatic.monitoring.change import (
+    CalibratedState,
+    Causes,
+    described_otherwise,
+    hypotheses_of,
+    measure,
+    ranked,
+)
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
@@ -193,7 +198,8 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     known, held = both if len(only_before) >= len(only_after) else both[::-1]
     known = _known_there(known, held)
     state = CalibratedState.of(known, held.arm.cell, _by_undetected(*both, known))
-    evidence = _evidence(known, held, state)
+    at_noise = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
+    evidence = state.known.change(measure(held.touches, at_noise, state).information())
     if held is before:  # the change from it is asked for
         evidence = evidence._replace(score=-evidence.score)
     evidence = evidence.beside(_undetermined(both, state))
@@ -233,12 +239,6 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         not_compared=not_compared,
         notes=tuple(_notes(before, after, parameters)),
     )
-
-
-def _evidence(known: CalibrationRecord, held: CalibrationRecord, state: CalibratedState) -> Information:
-    """What the touches of a calibration, with its noise, say of a change since another one."""
-    model = replace(known, document=held.document, arm=replace(known.arm, noise=held.arm.noise))
-    return state.known.change(measure(held.touches, model, state).information())
 
 
 def _difference(name: str, both: Sequence[CalibrationRecord]) -> float:

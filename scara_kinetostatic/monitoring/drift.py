@@ -1,6 +1,6 @@
 """Drift monitor: a CUSUM over the touches of production, each held against the prediction of the calibration.
 
-With the state x of `linear` and the calibration's knowledge δ ~ N(0, C₀) before touch 1, the knowledge after touch τ is
+With the state x of `change` and the calibration's knowledge δ ~ N(0, C₀) before touch 1, the knowledge after touch τ is
 N(m_τ, C_τ). A change d after touch τ is tested by what the touches τ+1 … t add: the likelihood ratio statistic T of
 `Information`. This is a CUSUM whose increments are the innovations of a Kalman filter and whose start τ and size d are
 those that maximise it (generalised likelihood ratio):
@@ -31,8 +31,17 @@ import numpy as np
 from scara_kinetostatic.gaussian.information import Gaussian, Information
 from scara_kinetostatic.gaussian.linear_model import as_rare
 from scara_kinetostatic.model.touch import LATER, TouchSet
-from scara_kinetostatic.monitoring.hypotheses import Hypothesis, change_title, hypotheses_of, ranked, rivals
-from scara_kinetostatic.monitoring.linear import LINEAR, CalibratedState, Measured, measure
+from scara_kinetostatic.monitoring.change import (
+    LINEAR,
+    CalibratedState,
+    Hypothesis,
+    Measured,
+    change_title,
+    hypotheses_of,
+    measure,
+    ranked,
+    rivals,
+)
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import Document
 
@@ -165,7 +174,7 @@ class DriftMonitor:
         self.last_distance = float(np.sqrt(touch.chi_squares(self._known)[0]))
         jacobian = touch.jacobian[0]
         expected = jacobian @ self._known.mean
-        bounded = (touch.residual[0] - expected) * min(1.0, LARGEST_RESIDUAL / max(self.last_distance, 1e-12))
+        bounded = (touch.residual[0] - expected) * LARGEST_RESIDUAL / max(self.last_distance, LARGEST_RESIDUAL)
         self._latest = (*self._latest[1 - MEMORY :], touch)
         found, kept = touch._replace(residual=(expected + bounded)[None]).information(), self._from_calibration
         earlier = [start._replace(since=start.since.plus(found)) for start in self._starts[1 - WINDOW :]]

@@ -18,7 +18,6 @@ from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.result import UndetectedErrors
-from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import (
     filled,
@@ -36,7 +35,7 @@ from scara_kinetostatic.model.extended_model import reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
-from scara_kinetostatic.planning.planner import Planner, known_or_infinite, undecided_parts
+from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import as_document
 
@@ -162,11 +161,9 @@ class CalibrationRecord:
         stated, found = self.document['tip_uncertainty'], self.document['diagnosis']
         suspected = [*found.get('possible', ()), *chain(*found.get('rival_effects', ()))]
         labels = frozenset(f'{one["name"]}[{one["target"]}]' if one['target'] else one['name'] for one in suspected)
-        now = known_or_infinite(stated['worst'], stated['undetermined'])
         of_tip = {row['source']: row['contribution']['tip'] or 0.0 for row in self.document['budget']}
-        limit = title_of(max(of_tip, key=lambda label: of_tip[label]))
-        undetected = float(np.hypot(*undecided_parts(stated['worst'] or 0.0, of_tip)))
-        return Planner(replace(self.arm, cell=cell), now, touches, labels, undetected=undetected, limit=limit)
+        arm, tip = replace(self.arm, cell=cell), (stated['worst'], stated['undetermined'])
+        return Planner.of_statement(arm, *tip, of_tip, touches, labels)
 
     @property
     def created(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import datetime
+from datetime import datetime, timedelta
 from functools import partial
 
 import numpy as np
@@ -12,9 +12,9 @@ from markupsafe import Markup
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.monitoring.change import Causes, change_title
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend
-from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
 from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Note, Report, Section, Table, Verdict, sentence
@@ -22,6 +22,9 @@ from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.results.report import answer
+
+_SIDE = 760
+"""Of the picture of a trend, pixels."""
 
 
 def causes_document(causes: Causes) -> Document:
@@ -128,7 +131,8 @@ def parameter_table(change: Change) -> Table:
         before, after, moved = (_shown(value, p) for value in (*stated, p.change))
         z, p_value = (f'{p.z:+.1f}', chance(p.p_value)) if np.isfinite(p.z) else (NOT_DETERMINED,) * 2
         rows.append((p.name, before.value, after.value, moved._replace(unit='').text, moved.unit, z, p_value))
-    return Table(('', 'from', 'to', 'change ± 1 σ', '', 'z', 'p'), ('',) * 7, tuple(rows))
+    heading = '', 'from', 'to', 'change ± 1 σ', '', 'z', 'p'
+    return Table(heading, ('',) * len(heading), tuple(rows))
 
 
 def verification_document(v: Verification) -> Document:
@@ -196,6 +200,7 @@ def history_report(trends: Sequence[Trend], picture: str = 'trend') -> Report:
     """A history for the terminal and for `history.html`: of each robot the calibrations, and the trend."""
     caption = 'Value less that of the first calibration; bars: two total standard uncertainties, thick: by noise. '
     caption += 'Errors of the cell that all share move all points alike. Red: changed since the one before (p < 0.01).'
+    heading = '', 'measured', 'grade', 'tip, 95 %', 'since the one before'
     sections, doubtful = [], []
     for number, trend in enumerate(trends):
         changed = f'{count(len(trend.changed), "change")} beyond the uncertainty'
@@ -209,7 +214,7 @@ def history_report(trends: Sequence[Trend], picture: str = 'trend') -> Report:
             tip = NOT_DETERMINED if worst is None else f'{micrometres(worst)} µm'
             since = 'first' if change is None else verdict(change)
             rows.append((str(entry.number), measured, entry.record.arm.grade, tip, since))
-        table = Table(('', 'measured', 'grade', 'tip, 95 %', 'since the one before'), ('',) * 5, tuple(rows))
+        table = Table(heading, ('',) * len(heading), tuple(rows))
         figure = Figure(partial(_trend_picture, trend, f'{picture}{number}'), caption)
         sections.append(Section(trend.robot, (*lines, table, figure)))
         doubtful += [trend.robot] if trend.changed or trend.has_crept else []
@@ -219,9 +224,9 @@ def history_report(trends: Sequence[Trend], picture: str = 'trend') -> Report:
 
 
 def _trend_picture(trend: Trend, name: str) -> Markup:
-    figure, panels = new_figure(760, 760, 4, 3, sharex=True)
+    figure, panels = new_figure(_SIDE, _SIDE, 4, 3, sharex=True)
     times = [datetime.strptime(entry.record.measured, '%Y-%m-%dT%H:%M:%SZ') for entry in trend.entries]
-    days = np.array([(time - times[0]).total_seconds() / 86400 for time in times])
+    days = np.array([(time - times[0]) / timedelta(days=1) for time in times])
     for place, (axes, parameter) in enumerate(zip(panels, NAMES, strict=True)):
         rows = [entry.record.document['parameters'][parameter] for entry in trend.entries]
         moved = [c is not None and c.has_changed and c.parameters[place].p_value < LEVEL for c in trend.changes]
@@ -230,8 +235,8 @@ def _trend_picture(trend: Trend, name: str) -> Markup:
         for key, width, colour in (('std', 0.8, FAINT), ('std_noise', 2.4, INK)):
             stds = 2 * per_si * np.array([np.nan if row[key] is None else row[key] for row in rows])
             axes.errorbar(days, values, stds, fmt='none', ecolor=colour, elinewidth=width)
-        axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, markersize=6, zorder=3)
-        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=6, zorder=3)
+        axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, zorder=3)
+        axes.plot(days[moved], values[moved], 'o', color=WARN, zorder=3)
         axes.set_title(f'{parameter}  [{unit}]')
     for axes in panels[-3:]:
         axes.set_xlabel('days since the first')

@@ -1,7 +1,7 @@
 """Acceptance of a calibration: touches that it has not seen, held against its prediction.
 
 All touches together are tested by a chi-square that contains the uncertainty of the calibration
-(`linear.PredictionTest`). The error of the tip, the root mean square distance of the predicted tip from the circle that
+(`change.PredictionTest`). The error of the tip, the root mean square distance of the predicted tip from the circle that
 it touches, is compared with what noise and uncertainty let expect.
 """
 
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
@@ -25,8 +25,7 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
-from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of, ranked
-from scara_kinetostatic.monitoring.linear import CalibratedState, PredictionTest, measure
+from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.report.quantities import micrometres
@@ -221,7 +220,7 @@ def verify(
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.known, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
-    outlies &= outlies.mean() <= 0.1  # `Limits.most_rejected`; more are no outliers: something has changed
+    outlies &= outlies.mean() <= Limits.most_rejected  # more are no outliers: something has changed
     if outlies.any():
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.known, noise)

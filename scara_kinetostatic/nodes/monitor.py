@@ -20,8 +20,8 @@ from std_msgs.msg import String
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.monitoring.change import Measured
 from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
-from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
 from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in

@@ -58,10 +58,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.grade import Limits
+from scara_kinetostatic.calibration.estimate import fewest_touches
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks, leverage
 from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
@@ -176,29 +179,21 @@ def prepare_candidates(robot: RobotModel, plan: Plan, tip: Floats, *, mean: bool
         tip: its derivatives T (`prediction.tip_in_use`), whose variance is to be minimised.
         mean: whether that is its mean over the region (I-optimality), one place for all, or the largest.
     """
-    scales, declared = declared_rows(robot)
-    derivative = exact_plan(robot, plan).point.whitened.jacobian * scales
-    values = len(robot.model.names)
-    scaled = tip * scales[:values]
+    derivative, values = scaled_rows(robot, plan), len(robot.model.names)
+    scaled = tip * robot.all_scales[:values]
     rows = np.flatnonzero(np.abs(scaled).max(axis=(0, 1, 2)) > 0)
     places = scaled.shape[0] * scaled.shape[1]
     scaled = scaled[..., rows].reshape(1 if mean else places, -1, len(rows)) / (places**0.5 if mean else 1.0)
     quadric = (scaled.swapaxes(1, 2) @ scaled).reshape(len(scaled), -1).T.copy()
     information = np.einsum('nik,nil->nkl', derivative, derivative)
-    prior = declared.T @ declared
+    prior = robot.declared_rows.T @ robot.declared_rows
     prior[:values, :values] += np.eye(values)
     return CandidateTouches(plan, derivative, information, rows, quadric, prior)
 
 
-def declared_rows(robot: RobotModel) -> tuple[Floats, Floats]:
-    """Units of all values and the declared errors, (12 + k + m,), and in them the rows of the prior of these; values of
-    effects in their plausible sizes.
-    """
-    scales = np.concatenate([robot.scales, robot.effect_sizes])
-    if robot.declared is None:
-        return scales, np.zeros((0, len(scales)))
-    values, scales = len(scales), np.concatenate([scales, np.ones(robot.declared.count)])
-    return scales, robot.declared.prior.rows(values) * scales
+def scaled_rows(robot: RobotModel, plan: Plan, metadata: TouchMetadata | None = None) -> Floats:
+    """Whitened Jacobian of the touches of a plan, (n, 2, 12 + k + m), in `RobotModel.all_scales`."""
+    return exact_plan(robot, plan, metadata).point.whitened.jacobian * robot.all_scales
 
 
 MOST_LEVERAGE = 0.8
@@ -223,12 +218,12 @@ def held_out_ratio(robot: RobotModel, plan: Plan, folds: int = 5, divisions: int
         folds: one part of so many is left out at a time.
         divisions: random divisions of the touches over which the error is averaged.
     """
-    exact, (scales, declared) = exact_plan(robot, plan), declared_rows(robot)
-    n, rows = len(plan), exact.point.whitened.jacobian * scales
+    exact, n = exact_plan(robot, plan), len(plan)
+    rows = exact.point.whitened.jacobian * robot.all_scales
     by_force = np.linalg.inv(whiten_by(exact.point.linear.by_force, exact.point.whitened.root))
     weight = np.swapaxes(by_force, 1, 2) @ by_force
     information = np.einsum('nik,nil->nkl', rows, rows)
-    together = information.sum(axis=0) + declared.T @ declared
+    together = information.sum(axis=0) + robot.declared_rows.T @ robot.declared_rows
     values = len(robot.model.names)
     together[:values, :values] += 1e-4 * np.eye(values)  # keeps fits of few touches regular
 
@@ -248,8 +243,8 @@ def held_out_ratio(robot: RobotModel, plan: Plan, folds: int = 5, divisions: int
 
 MOST_TOUCHES = 200
 """Largest set that is searched for."""
-FEWEST_TOUCHES = 7
-"""Smallest number of touches with which the calibration estimates twelve parameters: two equations each."""
+FEWEST_TOUCHES = fewest_touches(len(NAMES))
+"""Smallest number of touches with which the calibration estimates all parameters: two equations each."""
 
 
 def largest_variance(candidates: CandidateTouches, chosen: Sequence[int]) -> float:
@@ -297,15 +292,14 @@ def choose(candidates: CandidateTouches, number: int, per_disc: int = 0) -> list
     for _ in range(min(number, len(discs))):
         found, reached = best_beside(chosen)
         chosen.append(found)
-    for _ in range(12):  # passes over all positions of the set
+    before = np.inf
+    while reached < before * (1 - 1e-2):  # passes over all positions of the set
         before = reached
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
             found, value = best_beside(others)
             if value < reached * (1 - 1e-3):
                 chosen, reached = [*others[:place], found, *others[place:]], value
-        if reached > before * (1 - 1e-2):
-            break
     return chosen
 
 

@@ -45,9 +45,9 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.parameters import UNITS, quantity
+from scara_kinetostatic.model.parameters import MILLI, UNITS, quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
-from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
+from scara_kinetostatic.planning.prediction import RobotModel, exact_plan, is_size
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 _MOST_SETS = 8
@@ -58,8 +58,6 @@ _STEPS = np.outer([1.0, 2.0, 5.0], 10.0 ** np.arange(-9, 0)).ravel(order='F')
 """Standard uncertainties of a measurement that are tried, SI."""
 _LEAST_PLACE, _LEAST_LENGTH = 2e-6, 2e-5
 """No place of an object and no length of a link is measured better, m."""
-_LEAST_DOUBT = 1e-9
-"""Keeps quotients finite."""
 _APART = 0.03
 """Distance of a further object from the others, m."""
 
@@ -179,10 +177,10 @@ class Rivals(NamedTuple):
 
     def doubt_left(self, outlook: Forecast) -> float:
         """The part, 0 to 1, that a forecast leaves of what the choice between them adds to an uncertainty."""
-        if outlook.decided >= 0.5:
+        doubt = 1 - float(self.probability.max())
+        if outlook.decided >= 0.5 or doubt <= 0:
             return 0.0
-        doubt = (1 - outlook.probability) / max(1 - float(self.probability.max()), _LEAST_DOUBT)
-        return float(min(doubt, 1.0) ** 0.5)
+        return float(min((1 - outlook.probability) / doubt, 1.0) ** 0.5)
 
     def _sizes(self, effect: Effect) -> Floats:
         """Rows that pick the sizes of an effect, in their units, from all values: of what is named, declared and too
@@ -190,7 +188,7 @@ class Rivals(NamedTuple):
         """
         robot, names, declared = self.robot, self.robot.model.names, self.robot.declared
         places = declared.places.get(effect.declared_as or effect.label, ()) if declared else ()
-        sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
+        sizes = np.flatnonzero(is_size(effect))
         rows, first = np.zeros((len(sizes), self.change.shape[1])), self.change.shape[1] - len(robot.random)
         for number, (row, k) in enumerate(zip(rows, sizes.tolist(), strict=True)):
             if (name := f'{effect.label}.{effect.parameters[k].name}') in names:
@@ -257,7 +255,7 @@ class Rivals(NamedTuple):
         radius = float(np.median([disc.radius for disc in discs]))
         std = float(np.median([disc.center_std for disc in discs])) or 1e-5
         span = robot.parameters.l1 + robot.parameters.l2
-        places = span * np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 6)] * 2), axis=-1).reshape(-1, 2)
+        places = 0.8 * span * np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 6)] * 2), axis=-1).reshape(-1, 2)
         places = places[cell.region.holds(places)]
         gaps = np.linalg.norm(places[:, None] - cell.centers, axis=-1) - cell.radii - radius
         further, plans, count = list[Disc](), list[Plan](), len(cell.discs)
@@ -282,16 +280,13 @@ class Rivals(NamedTuple):
             return []
         old = np.array([name in known for name in every.names], dtype=bool)
         kept = np.concatenate([np.ones(first, dtype=bool), old, np.ones(len(robot.random), dtype=bool)])
-        best, where = Forecast(0.0, 0.0), ''
-        for one, touched in zip(further, rows, strict=True):
-            flat = touched.reshape(-1, len(kept))
-            if not np.isfinite(flat).all():
-                continue
-            found = self.forecast(_whitened_by(flat[:, kept], flat[:, ~kept]))
-            if found.probability > best.probability:
-                best, where = found, f'x {1e3 * one.x:.0f} mm, y {1e3 * one.y:.0f} mm'.replace('-', '−')
-        if best.probability < self._enough:
+        flat = [touched.reshape(-1, len(kept)) for touched in rows]
+        able = [(one, h) for one, h in zip(further, flat, strict=True) if np.isfinite(h).all()]
+        found = [self.forecast(_whitened_by(h[:, kept], h[:, ~kept])).probability for _, h in able]
+        if max(found, default=0.0) < self._enough:
             return []
+        best = able[int(np.argmax(found))][0]
+        where = f'x {best.x / MILLI:.0f} mm, y {best.y / MILLI:.0f} mm'.replace('-', '−')
         return [f'touch a further disc at about {where}, its place known to {quantity(std, "m")}']
 
 
@@ -302,5 +297,5 @@ def _whitened_by(rows: Floats, errors: Floats) -> Floats:
 
 def _held(effect: Effect) -> str:
     """How its sizes are held, all of them: so the forecast takes them."""
-    sizes = np.flatnonzero(effect.amplitudes(np.ones(len(effect.parameters))))
+    sizes = np.flatnonzero(is_size(effect))
     return ' --fix '.join(f"'{effect.label}.{effect.parameters[k].name}=VALUE'" for k in sizes.tolist())

@@ -26,7 +26,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.outline import Outline, inside
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import MICRO, Parameters
 from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, reach
 
 _AROUND = 10
@@ -61,8 +61,8 @@ class Capsules(NamedTuple):
 def _from_line(point: Floats, begin: Floats, end: Floats) -> Floats:
     """Distance of points from the lines between two others."""
     along = end - begin
-    length = np.maximum((along**2).sum(axis=-1), 1e-18)
-    part = np.clip(((point - begin) * along).sum(axis=-1) / length, 0.0, 1.0)
+    square = (along**2).sum(axis=-1)
+    part = np.clip(((point - begin) * along).sum(axis=-1) / np.where(square > 0, square, 1.0), 0.0, 1.0)
     off = begin + part[..., None] * along - point
     return np.hypot(off[..., 0], off[..., 1])
 
@@ -256,7 +256,7 @@ class Roadmap:
     def __init__(self, space: Space) -> None:
         self.space = space
         base, turns = space._base.begin, 2 * np.pi / _RAYS * np.arange(_RAYS)
-        rays = base + (space.reach - 1e-6) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+        rays = base + (space.reach - MICRO) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
         rays = rays[space.may_change(rays)]
         p, bends = space.parameters, space.limits[:, 1] + space.parameters.theta2
         folded = np.sqrt(p.l1**2 + p.l2**2 + 2 * p.l1 * p.l2 * np.cos(bends))  # as far as the elbow bends
@@ -311,7 +311,7 @@ class Roadmap:
         v, (i, j) = len(self.via.tip), np.triu_indices(len(stops.tip), 1)
         same = stops.posture[i] == stops.posture[j]
         self._connect(costs, v + i[same], v + j[same], every)
-        graph = np.where(np.isfinite(costs), np.maximum(costs, 1e-6), 0.0)  # what is nearer to 0 makes no edge
+        graph = np.where(np.isfinite(costs), np.maximum(costs, MICRO), 0.0)  # what is nearer to 0 makes no edge
         lengths, before = dijkstra(graph, indices=np.arange(v, len(costs)), return_predecessors=True)
         return Ways(every, v, lengths[:, v:], before)
 

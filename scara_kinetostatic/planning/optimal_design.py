@@ -11,7 +11,7 @@ the number of touches, and what is left with the largest number that a design co
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -38,11 +38,15 @@ from scara_kinetostatic.planning.candidate_touches import (
     prepare_candidates,
     without_each,
 )
-from scara_kinetostatic.planning.prediction import Prediction, RobotModel, Statement, predict, tip_in_use, tip_std
+from scara_kinetostatic.planning.prediction import MANY, Prediction, RobotModel, Statement, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 
+_LEVELS = (10.0, 25.0, 40.0)
+"""Usual force levels, N."""
 _USUAL = 36
 """Number of touches by whose uncertainties the parameters are weighted in the criterion."""
+_NUMBERS = (16, 20, 24, 30, _USUAL, 48, 2 * _USUAL, MANY)
+"""Numbers of touches for which the accuracy is worked out."""
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
 _SHARE_OF_PARAMETERS = 0.1
@@ -68,10 +72,10 @@ class Requirements:
     """
 
     accuracy: float | None = None
-    levels: tuple[float, ...] = (10.0, 25.0, 40.0)
+    levels: tuple[float, ...] = _LEVELS
     postures: tuple[int, ...] = (1, -1)
     per_disc: int = PER_DISC
-    load: float = 40.0
+    load: float = _LEVELS[-1]
     under_load: bool = False
 
 
@@ -177,11 +181,11 @@ def optimal_design(
     accuracy = q.accuracy or (tolerance / 2 if tolerance else max(1e-5, _ABOVE_LIMIT * lowest))
     candidates = prepare_candidates(robot, every, tip)
     if accuracy < lowest:
-        raise _out_of_reach(robot, tip, accuracy, very_many)
+        raise _out_of_reach(robot, lowest, accuracy, very_many.contributions(tip))
     judged = prepare_candidates(robot, every, tip, mean=True)
     judged = judged.counting(np.arange(len(robot.model.names)), _SHARE_OF_PARAMETERS, _USUAL)
-    report('accuracy by the number of touches', 0.1)
-    numbers = [n for n in (16, 20, 24, 30, 36, 48, 72, 108) if n <= len(every)]
+    report('accuracy by the number of touches', 0.0)
+    numbers = [n for n in _NUMBERS if n <= len(every)]
     chosen = [largest_variance(candidates, choose(judged, n)) for n in numbers]
     even = [tip_std(tip, predict(robot, every, n)).max() for n in numbers]
     curve = Curve(np.array(numbers), np.sqrt(chosen), np.array(even))
@@ -201,10 +205,11 @@ def optimal_design(
     )
 
 
-def _out_of_reach(robot: RobotModel, tip: Floats, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
+def _out_of_reach(
+    robot: RobotModel, lowest: float, accuracy: float, parts: Mapping[str, float]
+) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
-    lowest = float(tip_std(tip, very_many).max())
-    kind, part = max(very_many.contributions(tip).items(), key=lambda item: item[1])
+    kind, part = max(parts.items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if robot.cell.tolerance == 2 * accuracy else ''
     return UnsupportedDataError(
@@ -232,7 +237,7 @@ def _smallest_set(
     """
     best, most, number = None, min(MOST_TOUCHES, len(candidates.plan)), too_few + 1
     while number <= (most if best is None else len(best) - 1):
-        report(f'sets of {number} touches', 0.3)
+        report(f'sets of {number} touches', 0.5)
         chosen = checked(candidates, choose(candidates, number, TOUCHES_PER_DISC))
         plan = _mixed(candidates.plan.select(np.array(chosen)))
         prediction, is_smaller = predict(robot, plan), best is None or len(plan) < len(best)

@@ -38,6 +38,7 @@ from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
@@ -46,7 +47,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.parameters import MILLI, P_EE, quantity
 from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidate_touches import (
@@ -55,12 +56,13 @@ from scara_kinetostatic.planning.candidate_touches import (
     CandidateTouches,
     candidate_plan,
     choose,
-    declared_rows,
     prepare_candidates,
+    scaled_rows,
 )
 from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.motion import Roadmap, Space, Waypoints, Ways, short_order
-from scara_kinetostatic.planning.prediction import RobotModel, contributions, exact_plan, tip_in_use
+from scara_kinetostatic.planning.prediction import RobotModel, contributions, is_size, tip_in_use
+from scara_kinetostatic.report.quantities import PERCENT
 from scara_kinetostatic.simulation.plan import Plan
 
 UNSUSPECTED = 0.01
@@ -100,7 +102,7 @@ class TipForecast(NamedTuple):
         return (
             f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (95 %)'
             f', the tolerance is {quantity(tolerance, "m")}: '
-            f'{100 * self.share:.0f} % of its variance is from {self.limit}'
+            f'{PERCENT * self.share:.0f} % of its variance is from {self.limit}'
         )
 
 
@@ -192,21 +194,45 @@ class Planner:
         """The same before it is assessed."""
         found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
         doubtful = {item.effect.label for item in found.found if not item.is_found}
-        now = known_or_infinite(tip.worst, tip.undetermined)
-        suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-        of_tip = {item.label: item.tip for item in outcome.budget}
-        rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
-        undetected, choice = undecided_parts(tip.worst, of_tip)
-        if rivals is None:
-            undetected, choice = float(np.hypot(undetected, choice)), 0.0
         sizes = dict[str, float]()
         if final.random is not None:
             for column, size in zip(final.random.columns, final.random.size, strict=True):
                 part, label = size / abs(column.effect.typical[column.parameter]), column.effect.label
                 sizes[label] = max(part, sizes.get(label, 0.0))
-        limit = max(outcome.budget, key=lambda item: np.nan_to_num(item.tip)).title
-        touches = final.touches.select(final.used)
-        return cls(final.arm, now, touches, suspected, given_up, undetected, sizes, limit, rivals, choice)
+        of_tip, touches = {item.label: item.tip for item in outcome.budget}, final.touches.select(final.used)
+        suspected = frozenset(doubtful.union(*map(set, found.rivals)))
+        rivals = None if found.verdict == 'none' and not found.is_undecided else Rivals.of(final)
+        planner = cls.of_statement(final.arm, tip.worst, tip.undetermined, of_tip, touches, suspected, rivals)
+        return replace(planner, given_up=given_up, sizes=sizes)
+
+    @classmethod
+    def of_statement(
+        cls,
+        arm: CalibratedArm,
+        worst: float | None,
+        undetermined: float,
+        of_tip: Mapping[str, float],
+        touches: TouchSet | None,
+        suspected: frozenset[str],
+        rivals: Rivals | None = None,
+    ) -> Planner:
+        """By what a calibration states of the tip.
+
+        Args:
+            arm: as of `Planner`, like `touches`, `suspected` and `rivals`.
+            worst: its largest expanded uncertainty, m; None where there is none.
+            undetermined: the part of the region where it is not determined.
+            of_tip: standard uncertainty of it by source, as of a budget, m.
+            touches: that were made.
+            suspected: effects.
+            rivals: sets of effects.
+        """
+        undetected, choice = undecided_parts(worst or 0.0, of_tip)
+        if rivals is None:
+            undetected, choice = float(np.hypot(undetected, choice)), 0.0
+        now = known_or_infinite(worst, undetermined)
+        limit = title_of(max(of_tip, key=lambda label: float(np.nan_to_num(of_tip[label]))))
+        return cls(arm, now, touches, suspected, (), undetected, {}, limit, rivals, choice)
 
     @cached_property
     def robot(self) -> RobotModel:
@@ -222,7 +248,7 @@ class Planner:
         sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
         for k, effect in enumerate(undecided, len(own)):
             part = 1.0 if effect.label in self.suspected else self.sizes.get(effect.label, UNSUSPECTED)
-            size = np.where(_is_size(effect), part, 1.0) * np.abs(effect.typical)
+            size = np.where(is_size(effect), part, 1.0) * np.abs(effect.typical)
             if effect.grid_parameter:  # linear about the effect in this form, which stays
                 values[k] = tuple(size.tolist())
                 size[effect.grid_parameter_index] = 0.0
@@ -234,7 +260,7 @@ class Planner:
     def _in_doubt(self) -> Indices:
         """Which of the values are sizes of effects that are suspected."""
         effects = self.robot.effects
-        doubt = [_is_size(effect) & (effect.label in self.suspected) for effect in effects]
+        doubt = [is_size(effect) & (effect.label in self.suspected) for effect in effects]
         return len(self.robot.parameters.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
 
     @cached_property
@@ -263,7 +289,7 @@ class Planner:
         beside three standard deviations of tip and discs.
         """
         cell = self.arm.cell
-        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, 3e-3 + self._off))
+        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, 3 * MILLI + self._off))
 
     @property
     def _off(self) -> float:
@@ -275,7 +301,7 @@ class Planner:
         """How far before its place a contact may come, m: half of what is searched; where the arm is known, a
         millimetre beside three standard deviations of tip and discs.
         """
-        return min(0.5 * self.arm.cell.touch.search, 1e-3 + self._off)
+        return min(0.5 * self.arm.cell.touch.search, MILLI + self._off)
 
     @cached_property
     def roadmap(self) -> Roadmap:
@@ -284,7 +310,7 @@ class Planner:
 
     def approach(self, plan: Plan) -> Waypoints:
         """Where the tip begins to approach each touch."""
-        off = self.space.clearance + 1e-3
+        off = self.space.clearance + MILLI
         return Waypoints(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
 
     def problems(self, plan: Plan) -> list[str]:
@@ -315,7 +341,7 @@ class Planner:
         has_corners = np.array([isinstance(item, Outline) for item in cell.discs])[plan.disc]
         corner = has_corners & (np.where(touched.is_edge, to_end, size) < cell.touch.search)
         one, two = cell.joint_names
-        within = f'within {1e3 * self.space.clearance:.1f} mm'
+        within = f'within {self.space.clearance / MILLI:.1f} mm'
         cases = {
             'beyond touch.max_force': force > cell.touch.max_force,
             'given up': left,
@@ -324,7 +350,7 @@ class Planner:
             f'an object, the base or the end of the reach is {within}': ~clear,
             'the press would drag the tip off it': slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0)),
             'a corner is nearer than touch.search, and the arm is not yet calibrated': corner
-            & self.arm.undetermined[:6].any(),
+            & self.arm.undetermined[:P_EE].any(),
             'no way leads there': ~joined,
         }
         return [str(text) for text in np.select(list(cases.values()), list(cases), '')]
@@ -354,19 +380,17 @@ class Planner:
     def _information_made(self) -> Floats:
         """Information of the touches that were made."""
         t, arm, cell = self.touches, self.arm, self.arm.cell
-        size = len(declared_rows(self.robot)[0])
+        size = len(self.robot.all_scales)
         if t is None or not len(t):
             return np.zeros((size, size))
         metadata = TouchMetadata.of(t, cell.sensor.frame)
         force = force_on_object(arm, t.force, t.joints, metadata)
         tips = direct_kinetostatics(arm.model.parameters, t.joints, force, cell.gripper_sign)[0]
         plan = Plan(t.disc, cell.surfaces.angles(t.disc, tips, force), t.posture, np.hypot(*force.T))
-        pressed = inverse_kinetostatics(arm.model.parameters, plan.contact(cell), force, t.posture, cell.gripper_sign)[
-            0
-        ]
+        at = plan.contact(cell)
+        pressed, _ = inverse_kinetostatics(arm.model.parameters, at, force, t.posture, cell.gripper_sign)
         there = np.asarray(np.isfinite(pressed).all(axis=1))
-        point = exact_plan(self.robot, plan.select(there), metadata.select(there)).point
-        rows = (point.whitened.jacobian * declared_rows(self.robot)[0]).reshape(-1, size)
+        rows = scaled_rows(self.robot, plan.select(there), metadata.select(there)).reshape(-1, size)
         return np.asarray(rows.T @ rows)
 
     @cached_property
@@ -382,7 +406,7 @@ class Planner:
         Raises:
             UnsupportedDataError: no touch can be reached.
         """
-        return self._arranged(self.candidates, choose(self.candidates, number))
+        return self._arranged(choose(self.candidates, number))
 
     @cached_property
     def _rows(self) -> Floats:
@@ -410,25 +434,23 @@ class Planner:
 
     def discriminating(self, decision: DecidingTouches, number: int) -> PlannedTouches:
         """The first so many of the touches that decide most."""
-        return self._arranged(self.candidates, decision.chosen[:number], self._in_doubt)
+        return self._arranged(decision.chosen[:number], self._in_doubt)
 
-    def _arranged(
-        self, candidates: CandidateTouches, chosen: list[int], decided: Indices | None = None
-    ) -> PlannedTouches:
+    def _arranged(self, chosen: list[int], decided: Indices | None = None) -> PlannedTouches:
         """Chosen touches, which tell `decided` values, in the order of a short way."""
-        plan = candidates.plan.select(np.array(chosen, dtype=np.intp))
-        reasons = self._reasons(candidates, chosen, decided)
+        plan = self.candidates.plan.select(np.array(chosen, dtype=np.intp))
+        reasons = self._reasons(chosen, decided)
         own = self.approach(plan)
         ways = self.roadmap.ways(own)
         order = short_order(ways.lengths)
-        at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(candidates, chosen)
+        at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
 
-    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> TipForecast:
+    def _uncertainty(self, chosen: list[int]) -> TipForecast:
         """Of the tip by the arm's own model, without what is undecided."""
-        count = self._values
+        candidates, count = self.candidates, self._values
         kept = np.r_[:count, len(self.robot.model.names) : len(candidates.prior)]
-        scales = declared_rows(self.robot)[0][kept]
+        scales = self.robot.all_scales[kept]
 
         def covariance(information: Floats) -> Floats:
             return np.asarray(scales[:, None] * np.linalg.inv(information[np.ix_(kept, kept)]) * scales)
@@ -436,7 +458,7 @@ class Planner:
         together = candidates.information_of(chosen)
         least = covariance(together + MOST_TOUCHES * candidates.information.mean(axis=0))
         own = least[:count, :count]
-        before, after = (self._largest(covariance(made)[:count, :count]) for made in (self.candidates.prior, together))
+        before, after = (self._largest(covariance(made)[:count, :count]) for made in (candidates.prior, together))
         ratio, undetected = 1.0, 0.0
         if self.now is not None and np.isfinite(self.now):
             apart = self.undetected**2 + self.choice**2
@@ -453,16 +475,16 @@ class Planner:
                 limit, share = 'the choice between possible causes', (left / many) ** 2
         return TipForecast(self.now, planned, many, limit, share, undetected)
 
-    def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
+    def _reasons(self, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""
-        names = self.robot.model.names
+        names, candidates = self.robot.model.names, self.candidates
         values = np.arange(len(names)) if among is None or not len(among) else among
         variance = np.diagonal(np.linalg.inv(candidates.information_of(chosen)))[values]
         without = np.diagonal(candidates.covariance_without_each(chosen), axis1=1, axis2=2)[:, values]
         found = []
         for k, best in zip(chosen, values[np.argmax(without / variance, axis=1)].tolist(), strict=True):
             verb = 'decides' if best >= self._values or best in self._in_doubt else 'sharpens'
-            preload = f', preload {100 * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
+            preload = f', preload {PERCENT * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
             found.append(f'{verb} {names[best].rpartition(".")[0] or names[best]}{preload}')
         return found
 
@@ -474,11 +496,6 @@ def discrimination_of(evidence: Evidence) -> Discrimination | None:
     except ScaraKinetostaticError:  # nothing can be touched
         return None
     return None if found is None else found.outlook
-
-
-def _is_size(effect: Effect) -> Mask:
-    """Which of an effect's values are its size, the others its form, (k,)."""
-    return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
 
 
 def _counted(problems: NDArray[np.str_]) -> str:

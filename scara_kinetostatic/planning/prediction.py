@@ -46,13 +46,13 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.gaussian.linear_model import leverage
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.joint_law import joint_deflection
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import MICRO, Parameters
 from scara_kinetostatic.model.tip import (
     Force,
     Law,
@@ -65,6 +65,9 @@ from scara_kinetostatic.model.tip import (
 )
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame, simulate_touches
+
+MANY = 108
+"""Touches that are many."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,19 @@ class RobotModel:
         """What the cell description declares as uncertain; None where everything counts as exactly known."""
         return DeclaredErrors.of(self.cell)
 
+    @cached_property
+    def all_scales(self) -> Floats:
+        """Units of all values and the declared errors, (12 + k + m,); values of effects in their plausible sizes."""
+        errors = 0 if self.declared is None else self.declared.count
+        return np.concatenate([self.scales, self.effect_sizes, np.ones(errors)])
+
+    @cached_property
+    def declared_rows(self) -> Floats:
+        """The rows of the prior of what is declared, in these units, (p, 12 + k + m)."""
+        if self.declared is None:
+            return np.zeros((0, len(self.all_scales)))
+        return self.declared.prior.rows(len(self.all_scales) - self.declared.count) * self.all_scales
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -155,6 +171,11 @@ class Prediction:
     def contributions(self, tip: Floats) -> dict[str, float]:
         """Those to the covariance."""
         return contributions(self.together, len(self.std), self.declared, tip)
+
+
+def is_size(effect: Effect) -> Mask:
+    """Which of an effect's values are its size, the others its form, (k,)."""
+    return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
 
 
 class Statement(NamedTuple):
@@ -194,7 +215,7 @@ class Statement(NamedTuple):
         return cls(tip.worst, {source: float(np.sqrt(square)) for source, square in ordered})
 
     @classmethod
-    def of_many(cls, robot: RobotModel, every: Plan, number: int = 108) -> tuple[int, Statement]:
+    def of_many(cls, robot: RobotModel, every: Plan, number: int = MANY) -> tuple[int, Statement]:
         """How many touches, evenly distributed over all that can be made, are many, and what is expected with them."""
         at = np.linspace(0, len(every) - 1, min(number, len(every))).round().astype(np.intp)
         return len(at), cls.of(robot, every.select(at))
@@ -368,5 +389,5 @@ def tip_std(tip: Floats, prediction: Prediction) -> Floats:
     variance = np.einsum('gdik,kl,gdil->gd', tip, prediction.covariance, tip, optimize=True)
     if prediction.motions.size:
         motion = np.abs(tip @ prediction.motions).max(axis=(2, 3))
-        variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
+        variance = np.where(motion > MICRO, np.inf, variance)  # m, well below any accuracy that is asked for
     return np.asarray(np.sqrt(variance))

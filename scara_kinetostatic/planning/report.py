@@ -18,8 +18,8 @@ from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import Statement, tip_std
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
-from scara_kinetostatic.report.figure import MICRO, SERIES, WARN
-from scara_kinetostatic.report.quantities import SCALES, count, micrometres
+from scara_kinetostatic.report.figure import SERIES, WARN
+from scara_kinetostatic.report.quantities import MICRO, PERCENT, SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 _WIDTH = 920.0
@@ -36,26 +36,22 @@ _HELPS = {
     '': 'where more is known of it than a typical size, state it (uncertainty: effects)',
 }
 """What reduces the part of a source, by a word of it."""
-_TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
+_TICKS = np.outer(10.0 ** np.arange(3), (1, 1.5, 2, 3, 5, 7)).ravel().tolist()
 
 
 def number_picture(design: Design) -> Markup:
     """Largest standard deviation of the tip over the number of touches: best and even."""
     figure, (axes,) = draw.new_figure(_WIDTH, 360)
     c, target = design.curve, MICRO * design.accuracy
-    curves = (
-        ('evenly distributed', c.evenly_distributed, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
-        ('best set found', c.chosen, {'color': SERIES[0], 'marker': 'o'}),
-    )
-    for label, values, look in curves:
-        axes.plot(c.touches, MICRO * values, label=label, lw=1.4, **look)
+    axes.plot(c.touches, MICRO * c.evenly_distributed, '--', color=SERIES[1], label='evenly distributed')
+    axes.plot(c.touches, MICRO * c.chosen, 'o-', color=SERIES[0], label='best set found')
     axes.axhline(target, color=WARN, lw=1.0, label='required')
     best = (len(design.plan), MICRO * design.tip_std)
-    axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
+    axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN)
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
     for axis, ticks in ((axes.xaxis, c.touches.tolist()), (axes.yaxis, _TICKS)):
-        axis.set(major_locator=FixedLocator(list(ticks)), minor_locator=NullLocator())
+        axis.set(major_locator=FixedLocator(ticks), minor_locator=NullLocator())
         axis.set_major_formatter('{x:g}')
     axes.legend(frameon=False)
     return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
@@ -119,8 +115,10 @@ def _recommended(design: Design) -> dict[str, Any]:
 def noise_sentences(design: Design) -> list[str]:
     """The noise of a touch and where it comes from, and what the cell declares as uncertain."""
     robot, um = design.robot, micrometres
-    growth = f', and {100 * robot.noise.growth:.3g} % of the force' if robot.noise.growth else ''
-    of_touch = f'{1e6 * robot.noise.joint_rms:.3g} µrad per joint, {robot.noise.force_rms:.3g} N per component{growth}'
+    growth = f', and {PERCENT * robot.noise.growth:.3g} % of the force' if robot.noise.growth else ''
+    of_touch = (
+        f'{MICRO * robot.noise.joint_rms:.3g} µrad per joint, {robot.noise.force_rms:.3g} N per component{growth}'
+    )
     sentences = [f'Noise of a touch: {of_touch}.']
     if robot.assumed:
         sentences = [
@@ -148,7 +146,7 @@ def statement_sentences(statement: Statement, more: tuple[int, Statement]) -> li
     source, share = more[1].largest
     helps = next(action for word, action in _HELPS.items() if word in source)
     gain = 'More touches hardly help' if least > 0.9 * whole else 'More touches help'
-    rest = f'{100 * share:.0f} % of its variance is then from {source}: {helps}'
+    rest = f'{PERCENT * share:.0f} % of its variance is then from {source}: {helps}'
     return [
         f'A calibration with them is expected to state {um(whole)} µm (k = 2) at the worst place: errors too small '
         f'to be detected count, with typical sizes where nothing is declared. The largest parts (k = 2): {parts}.',
@@ -163,7 +161,7 @@ def set_sentences(design: Design) -> list[str]:
         f'{len(design.plan)} touches give {um(design.tip_std)} µm at the worst place of the workspace, and '
         f'{um(design.without_each.max())} µm after the loss of any one touch.',
         'Every touch is checked by the others: none decides more of its own value than '
-        f'{100 * design.prediction.leverage.max():.0f} %. '
+        f'{PERCENT * design.prediction.leverage.max():.0f} %. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',
     ]
 
@@ -186,7 +184,7 @@ def plan_table(design: Design) -> Table:
         ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
         ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
         ('force', 'N', [f'{force:g}' for force in plan.force]),
-        ('decides', '%', [f'{100 * share:.0f}' for share in design.prediction.leverage]),
+        ('decides', '%', [f'{PERCENT * share:.0f}' for share in design.prediction.leverage]),
         ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
     headings, units, cells = zip(*columns, strict=True)

@@ -16,7 +16,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc, Plate
-from scara_kinetostatic.monitoring.linear import CalibratedState
+from scara_kinetostatic.monitoring.change import CalibratedState
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify

@@ -23,7 +23,7 @@ from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.planning.candidate_touches import declared_rows, largest_variance
+from scara_kinetostatic.planning.candidate_touches import largest_variance
 from scara_kinetostatic.planning.motion import Capsules, short_order
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.prediction import tip_in_use
@@ -168,7 +168,7 @@ def places_of(planner, plan):
 
 
 def test_the_mean_variance_is_that_of_the_tip_over_the_region(planner):
-    tip, scales = tip_in_use(planner.robot, 40.0), declared_rows(planner.robot)[0]
+    tip, scales = tip_in_use(planner.robot, 40.0), planner.robot.all_scales
     chosen = [3, 50, 200, 300, 400, 500, 77, 123]
     covariance = scales[:, None] * np.linalg.inv(planner.candidates.information_of(chosen)) * scales
     variance = np.einsum('gdik,kl,gdil->gd', tip, covariance, tip, optimize=True)

@@ -11,9 +11,8 @@ from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import Plate
+from scara_kinetostatic.monitoring.change import CalibratedState, change_title, hypotheses_of, measure
 from scara_kinetostatic.monitoring.comparison import compare
-from scara_kinetostatic.monitoring.hypotheses import change_title, hypotheses_of
-from scara_kinetostatic.monitoring.linear import CalibratedState, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 
