@@ -26,7 +26,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics
-from scara_kinetostatic.report.figure import FAINT, MICRO, SERIES, WARN, as_svg, new_figure, style
+from scara_kinetostatic.report.figure import FAINT, IN_MICRO, SERIES, WARN, as_svg, new_figure, style
 from scara_kinetostatic.simulation.commanded import DEMO_CELL, ModelBody, Plant
 
 FORCE = 40.0
@@ -110,17 +110,17 @@ def closed_loop(seed: int = 0, tolerance: float = 3e-5) -> Loop:
 def loop_picture(loop: Loop) -> Markup:
     """Expanded uncertainty and error of the tip over the number of touches."""
     figure, (axes,) = new_figure(920, 320)
-    tolerance = MICRO * loop.tolerance
+    tolerance = IN_MICRO * loop.tolerance
     known = np.isfinite(loop.uncertainty)
     axes.plot(
-        loop.touches[known], MICRO * loop.uncertainty[known], 'o-', color=SERIES[0], lw=1.6, ms=4.5,
+        loop.touches[known], IN_MICRO * loop.uncertainty[known], 'o-', color=SERIES[0], lw=1.6, ms=4.5,
         label='expanded uncertainty of the tip, as calibrated',
     )  # fmt: skip
-    axes.plot(loop.touches, MICRO * loop.error, 's', color=SERIES[1], ms=4, label='true error of the tip')
+    axes.plot(loop.touches, IN_MICRO * loop.error, 's', color=SERIES[1], ms=4, label='true error of the tip')
     axes.axhline(tolerance, color=WARN, lw=1.0, label=f'tolerance, {tolerance:.0f} µm')
-    axes.axhline(MICRO * loop.nominal_error, color=FAINT, lw=1.0, ls=(0, (5, 2.5)))
+    axes.axhline(IN_MICRO * loop.nominal_error, color=FAINT, lw=1.0, ls=(0, (5, 2.5)))
     axes.annotate(
-        'by the data sheet', (0.5, MICRO * loop.nominal_error), (0, -14), textcoords='offset points', color=FAINT
+        'by the data sheet', (0.5, IN_MICRO * loop.nominal_error), (0, -14), textcoords='offset points', color=FAINT
     )
     axes.set(
         yscale='log',

@@ -38,17 +38,25 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_
 from scara_kinetostatic.model.joint_law import deflection, joint_torques, rounded_sign
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces
-from scara_kinetostatic.model.parameters import G_EE, L1, L2, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters, quantity
+from scara_kinetostatic.model.parameters import (
+    G_EE,
+    L1,
+    L2,
+    MILLI,
+    NAMES,
+    P_EE,
+    THETA1,
+    THETA2,
+    UNITS,
+    Parameters,
+    quantity,
+)
 from scara_kinetostatic.model.touch import TouchSet
 
 _SIGN_WIDTH = 0.01
 """Torques over which sign(c) is continuous, Nm."""
 FEWEST_TOUCHES = 8
 """Fewer do not tell one mistake from another."""
-
-
-_MILLI = 1e3
-"""Of the unit with the prefix, so many are one."""
 
 
 class _Limits:
@@ -189,7 +197,7 @@ class Check(NamedTuple):
         least = max(least, _Limits.sigmas * float(np.hypot(std, max(declared))))
         if -least <= value < max(_Limits.largest_backlash, least):
             return None
-        off = f'stated {_MILLI * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
+        off = f'stated {abs(value) / MILLI:.3g} mm too {"small" if value < 0 else "large"}'
         where, statement, action = 'objects', f'all radii are {off}', 'measure the discs and the tip again'
         if cell.has_outlines:
             where, statement = 'tip.radius', f'the radius of the tip is {off}'
@@ -197,7 +205,7 @@ class Check(NamedTuple):
         elif value < -_Limits.least_tip:
             statement += ', or the radius of the tip is missing'
             action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
-        given = f'{_MILLI * value:.3g}{f" ± {_MILLI * std:.2g}" if std else ""} mm'
+        given = f'{value / MILLI:.3g}{f" ± {std / MILLI:.2g}" if std else ""} mm'
         why = f'a backlash is not {"negative" if value < 0 else "so large"}'
         evidence = f'else the backlash of the gripper, g_ee, would be {given}; {why}'
         return Mistake(where, statement, action, evidence)
@@ -265,7 +273,7 @@ def wrong_unit(joints: Floats, force: float) -> Mistake | None:
         return Mistake('joint angles', statement, 'give them in rad', in_cell=False, is_gross=True)
     if _Limits.faint < force < _Limits.huge:
         return None
-    unit, newton = ('kN', _MILLI) if force <= _Limits.faint else ('mN', 1 / _MILLI)
+    unit, newton = ('kN', 1 / MILLI) if force <= _Limits.faint else ('mN', MILLI)
     statement = f'the forces are in {unit}, not in N: a touch would have {force:.2g} N'
     action = f'give them in N (then {newton * force:.2g} N)'
     return Mistake('force', statement, action, in_cell=False, is_gross=True)
@@ -571,7 +579,7 @@ def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[tuple[Mi
             off = np.median(miss, axis=0) if len(miss) else np.zeros(2)
             mended = mended.with_surfaces(centers=mended.surfaces.centers - own[:, None] * off)
             found = _fit(mended)
-        far = _MILLI * np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0])
+        far = np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0]) / MILLI
         statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'
         yield Mistake(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again'), found
 

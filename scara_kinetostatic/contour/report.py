@@ -13,7 +13,7 @@ from scara_kinetostatic.contour.result import EXPECTED, Contour
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import FIT_UNITS, MICRO, MILLI, count, shown
+from scara_kinetostatic.report.quantities import FIT_UNITS, IN_MICRO, IN_MILLI, count, shown
 
 _WIDTH = 920.0
 """Of the picture, pixels."""
@@ -27,13 +27,13 @@ def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str)
         fits: shapes through its outlines.
         calibration: name of the file of the calibration.
     """
-    std, common = (MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
+    std, common = (IN_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
     first = contour.outlines[0]
     form = 'Closed outline' if first.closed else 'Open outline'
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
-    headline = f'{form} of {MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
+    headline = f'{form} of {IN_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
     seen = 'The surface in the base frame of the robot. '
-    seen += f'The radius of the tip, {MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
+    seen += f'The radius of the tip, {IN_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
     of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
     of_which += 'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
     figures = Figure(partial(outline_picture, contour), seen), Note(of_which)
@@ -71,7 +71,7 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
             name, values = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}', []
             for item in fit.values.values():
                 values.append(shown(*item, FIT_UNITS)._replace(unit='').text)
-            rows.append((name, *values, f'{MICRO * fit.rms:.1f}', f'{MICRO * fit.largest:.1f}'))
+            rows.append((name, *values, f'{IN_MICRO * fit.rms:.1f}', f'{IN_MICRO * fit.largest:.1f}'))
             if not fit.fits:
                 remark = f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of'
                 remarks.append(f'{remark} the points (rms); the parameters and their uncertainties do not describe it.')
@@ -115,7 +115,7 @@ def outline_picture(contour: Contour) -> Markup:
     height = _WIDTH * float(np.clip(size[1] / size[0], 0.3, 0.75))
     figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
     for outline in contour.outlines:
-        x, y = MILLI * outline.ring.T
+        x, y = IN_MILLI * outline.ring.T
         if outline.closed:
             axes.fill(x, y, color=SERIES[0], alpha=0.1, lw=0)
         axes.plot(x, y, color=SERIES[0], lw=1.6)

@@ -18,7 +18,7 @@ from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
 from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Note, Report, Section, Table, Verdict, sentence
-from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
+from scara_kinetostatic.report.figure import FAINT, IN_MICRO, INK, PAPER, WARN, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.results.report import answer
@@ -186,7 +186,7 @@ def verification_report(v: Verification) -> Report:
 def _touch_picture(v: Verification) -> Markup:
     """Error of the predicted tip, touch by touch, by their numbers in the recordings."""
     order = np.argsort(v.numbers, kind='stable')
-    touches, errors, expected = v.numbers[order], MICRO * v.tip_errors[order], MICRO * v.test.expected[order]
+    touches, errors, expected = v.numbers[order], IN_MICRO * v.tip_errors[order], IN_MICRO * v.test.expected[order]
     outlies = np.isin(touches, [item.index for item in v.outlying])
     figure, (axes,) = new_figure(640, 260)
     axes.fill_between(touches, -2 * expected, 2 * expected, color=FAINT, alpha=0.2, linewidth=0, step='mid')

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 from scara_kinetostatic.model.parameters import percentage as percentage
 
-MILLI, MICRO = 1e3, 1e6
-"""Of the unit with the prefix, so many are one."""
+IN_MILLI, IN_MICRO = 1e3, 1e6
+"""By these a quantity is in the unit with the prefix; MILLI and MICRO of `model.parameters` are their inverses."""
 NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
 
@@ -26,10 +26,10 @@ class Scale(NamedTuple):
     per_si: float
 
 
-SCALES = {name: Scale(unit, 1.0) if name in MOMENTS else Scale(f'µ{unit}', MICRO) for name, unit in UNITS.items()}
-SCALES |= {name: Scale(f'm{UNITS[name]}', MILLI) for name in NAMES[:6]}
+SCALES = {name: Scale(unit, 1.0) if name in MOMENTS else Scale(f'µ{unit}', IN_MICRO) for name, unit in UNITS.items()}
+SCALES |= {name: Scale(f'm{UNITS[name]}', IN_MILLI) for name in NAMES[:6]}
 """The unit in which each parameter of the base model is shown."""
-FIT_UNITS = {'m': Scale('mm', MILLI), 'rad': Scale('°', 180 / math.pi)}
+FIT_UNITS = {'m': Scale('mm', IN_MILLI), 'rad': Scale('°', 180 / math.pi)}
 """Of shapes fitted to a contour, by SI unit."""
 
 
@@ -46,7 +46,7 @@ class Shown(NamedTuple):
         return ' '.join(part for part in (self.value, f'± {self.std}' if self.std else '', self.unit) if part)
 
 
-_PREFIXES = (('', 1.0), ('m', MILLI), ('µ', MICRO), ('n', MILLI * MICRO), ('p', MICRO**2))
+_PREFIXES = (('', 1.0), ('m', IN_MILLI), ('µ', IN_MICRO), ('n', IN_MILLI * IN_MICRO), ('p', IN_MICRO**2))
 
 
 def scale_of(size: float, unit: str) -> Scale:
@@ -54,8 +54,8 @@ def scale_of(size: float, unit: str) -> Scale:
     if unit.partition('/')[0] in ('m', 'rad', 'N', 'Nm', 's') and size > 0:
         prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
         return Scale(prefix + unit, factor)
-    if unit.partition('/')[0] == '1' and 0 < size * MILLI < 1:
-        return Scale(f'ppm{unit[1:]}', MICRO)
+    if unit.partition('/')[0] == '1' and 0 < size * IN_MILLI < 1:
+        return Scale(f'ppm{unit[1:]}', IN_MICRO)
     return Scale('' if unit == '1' else unit, 1.0)
 
 
@@ -80,7 +80,7 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
 
 def micrometres(metres: float) -> str:
     """An error or uncertainty of the tip, in µm."""
-    size = MICRO * metres
+    size = IN_MICRO * metres
     if not math.isfinite(size):
         return NOT_DETERMINED
     return f'{size:#.3g}'.rstrip('.') if abs(size) < 999.5 else f'{size:.0f}'

@@ -27,7 +27,7 @@ from scara_kinetostatic.model.kinematics import forward, inverse, link_vectors
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.report import Figure, Figures, Legend
 from scara_kinetostatic.report import figure as draw
-from scara_kinetostatic.report.quantities import MICRO, MILLI, micrometres, percentage
+from scara_kinetostatic.report.quantities import IN_MICRO, IN_MILLI, micrometres, percentage
 
 _WIDTH, _HALF, _HEIGHT = 920.0, 450.0, 360.0
 """Of a figure, of one of two side by side, of one that is no map, pixels."""
@@ -52,7 +52,7 @@ def _from_above(low: Floats, high: Floats, width: float, margins: draw.Margins) 
     figure, (axes,) = draw.new_figure(width, height, margins=margins)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f'{MILLI * value:.0f}'.replace('-', '−'))
+        axis.set_major_formatter(lambda value, _: f'{IN_MILLI * value:.0f}'.replace('-', '−'))
     return figure, axes
 
 
@@ -248,7 +248,7 @@ def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
     within = np.linalg.norm(coarse - _base(c), axis=-1) <= reach
     lost = np.isnan(values) & within & c.cell.can_take(inverse(p, coarse, posture))
     blank = (np.kron(lost, np.ones((4, 4))) > 0) | ~c.cell.can_take(inverse(p, fine, posture))
-    shown = np.where(blank, np.nan, MICRO * _smooth(values))
+    shown = np.where(blank, np.nan, IN_MICRO * _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
     figure, axes = _from_above(fine[0, 0], fine[-1, -1], _HALF, _WITH_TITLE)
     levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])

@@ -32,7 +32,7 @@ from scara_kinetostatic.report import (
     sentence,
 )
 from scara_kinetostatic.report.quantities import (
-    MICRO,
+    IN_MICRO,
     SCALES,
     count,
     micrometres,
@@ -344,7 +344,7 @@ def stated_noise(outcome: Outcome) -> str:
     n = outcome.final.noise
     joint, force = (
         ' and '.join(dict.fromkeys(f'{scale * level:.3g}' for level in levels))
-        for scale, levels in ((MICRO, n.joint_levels), (1.0, n.force_levels))
+        for scale, levels in ((IN_MICRO, n.joint_levels), (1.0, n.force_levels))
     )
     grown = f', in addition {percentage(n.growth, ".2g")} of the force' if n.growth else ''
     source = {'given': 'given by the cell description', 'estimated': 'estimated from the residuals'}

@@ -55,7 +55,7 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, Unsupporte
 from scara_kinetostatic.files import tables
 from scara_kinetostatic.files.tables import Field, Sheet, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.report.quantities import MICRO
+from scara_kinetostatic.report.quantities import IN_MICRO
 from scara_kinetostatic.studies.loops.record import LARGEST, LEVEL
 from scara_kinetostatic.studies.loops.selection import UncertainValue
 
@@ -584,7 +584,7 @@ def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
     name, found = run.readings.name, []
     for check in run.failed_checks:
-        size = f'{MICRO * check.value:.3g} ± {MICRO * check.std:.2g} µ{check.unit}'.replace(' ± nan', '')
+        size = f'{IN_MICRO * check.value:.3g} ± {IN_MICRO * check.std:.2g} µ{check.unit}'.replace(' ± nan', '')
         found.append(f'{name}: {check.name.replace("_", " ")} of {size} (p = {check.p_value:.2g})')
     if run.outliers:
         where = f'{run.readings.source}: line {", ".join(map(str, run.readings.line[list(run.outliers)]))}'

@@ -13,15 +13,26 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
+from scara_kinetostatic.report.figure import (
+    FAINT,
+    IN_MICRO,
+    INK,
+    LINE,
+    PAPER,
+    SERIES,
+    WARN,
+    Margins,
+    as_svg,
+    new_figure,
+)
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import (
     NOT_DETERMINED,
-    PERCENT,
     Scale,
     chance,
     count,
     p_equals,
+    percentage,
     scale_of,
     shown,
 )
@@ -139,7 +150,7 @@ def hysteresis_report(
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     if other:
-        one, two = (f'{PERCENT * max(each.final_share for each in some):.2g} %' for some in (selections, other))
+        one, two = (f'{percentage(max(each.final_share for each in some), ".2g")}' for some in (selections, other))
         what += f' Nothing states what drives; held out, the law errs by {one} of the range, {two} as driven by their '
         what += f'{other[0].study.driven_by} (--driven decides).'
     records = [record for each in selections for record in each.study.records]
@@ -159,8 +170,8 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit, held_out = PERCENT * min(selection.detectable, 1.0), _held_out(selection)
-    share = f'That is {PERCENT * selection.share_of_range:.2g} % of the range.'
+    limit, held_out = 100 * min(selection.detectable, 1.0), _held_out(selection)
+    share = f'That is {percentage(selection.share_of_range, ".2g")} of the range.'
     errors = f'{held_out}, the error of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
@@ -415,7 +426,7 @@ def _run_table(part: dial_gauge.Part) -> Table:
     for run in part.runs:
         turn, failed = np.degrees(run.readings.direction), [check.name for check in run.failed_checks]
         direction = NOT_DETERMINED if np.isnan(turn) else f'{turn:.5g}'
-        fit = f'{MICRO * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
+        fit = f'{IN_MICRO * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
         rows.append((direction, *_cells(run), *fit, ', '.join(failed).replace('_', ' ') or 'ok'))
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
     return Table(heading, ('°', '', '', '', 'µm', '', ''), tuple(rows))
@@ -425,7 +436,7 @@ def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
     for what, isotropy in part.combined.items() if part.over_direction else ():
-        values, unit = [MICRO * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
+        values, unit = [IN_MICRO * getattr(run, what).value for run in part.runs], f'µ{isotropy.estimate.unit}'
         word = 'depends on the direction' if isotropy.p_value < LEVEL else 'is equal in all directions'
         found.append(f'The {what} {word} ({p_equals(isotropy.p_value)}): {min(values):.4g} … {max(values):.4g} {unit}.')
     return found
@@ -450,8 +461,8 @@ def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
     middle = getattr(part, what)
-    axes.plot(turn, np.full_like(turn, MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
-    values, bars = (MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
+    axes.plot(turn, np.full_like(turn, IN_MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
+    values, bars = (IN_MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
     direction = [run.readings.direction for run in part.runs]
     axes.errorbar(direction, values, 2 * bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
     axes.set_ylim(0, 1.15 * float(np.max(values + 2 * bars)))
@@ -471,21 +482,21 @@ def force_picture(run: dial_gauge.Run, name: str) -> Markup:
         name: identifier of the picture on the page.
     """
     figure, (above, below) = new_figure(HALF, _HEIGHT, rows=2, sharex=True, height_ratios=(3.2, 1))
-    force, displacement, fit = run.readings.force, MICRO * run.readings.displacement, run.fit
+    force, displacement, fit = run.readings.force, IN_MICRO * run.readings.displacement, run.fit
     above.plot(force[~fit.used], displacement[~fit.used], 'o', ms=4, mfc=PAPER, mec=FAINT)
     offsets = []
     for sign, colour in ((1, SERIES[0]), (-1, SERIES[1])):
         rows = fit.used & (np.sign(force) == sign)
         above.plot(force[rows], displacement[rows], 'o', ms=3, color=colour, mew=0)
-        below.plot(force[rows], MICRO * fit.residual[rows], 'o', ms=2.5, color=colour, mew=0)
+        below.plot(force[rows], IN_MICRO * fit.residual[rows], 'o', ms=2.5, color=colour, mew=0)
         lines = fit.lines[fit.lines[:, 0] == sign]
-        offset, slope, far = MICRO * lines[:, 1].mean(), MICRO * lines[0, 2], sign * np.abs(force[rows]).max()
+        offset, slope, far = IN_MICRO * lines[:, 1].mean(), IN_MICRO * lines[0, 2], sign * np.abs(force[rows]).max()
         above.plot([0, far], [offset, offset + slope * far], color=colour, lw=1.2)
         offsets.append(offset)
     above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
-    text = f'gap {MICRO * fit.gap.value:.4g} µm at the gauge'
+    text = f'gap {IN_MICRO * fit.gap.value:.4g} µm at the gauge'
     above.annotate(text, (0, np.mean(offsets)), (10, 0), textcoords='offset points', va='center', color=INK)
-    for axes, values in ((above, displacement), (below, MICRO * fit.residual)):
+    for axes, values in ((above, displacement), (below, IN_MICRO * fit.residual)):
         axes.plot(force[list(run.outliers)], values[list(run.outliers)], 'X', ms=8, mfc=WARN, mec=PAPER)
     above.set(ylabel='displacement  [µm]')
     below.axhline(0, color=FAINT, lw=0.9)

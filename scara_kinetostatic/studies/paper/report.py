@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
-from scara_kinetostatic.report.figure import FAINT, MICRO, SERIES, as_svg, new_figure
+from scara_kinetostatic.report.figure import FAINT, IN_MICRO, SERIES, as_svg, new_figure
 from scara_kinetostatic.report.quantities import SCALES
 from scara_kinetostatic.studies.loops.report import TITLES, dial_gauge_document, part_figures, summary_table
 from scara_kinetostatic.studies.paper.study import (
@@ -109,7 +109,7 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
         'are predicted with a two-sided contact (dotted), which equals A wherever the tip presses.'
     )
     printed = (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
-    combinations = ', '.join(f'{MICRO * determined_combination(values.as_array()):.2f}' for values in printed)
+    combinations = ', '.join(f'{IN_MICRO * determined_combination(values.as_array()):.2f}' for values in printed)
     line = (
         f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.exact.paper.rank}: all '
         'values with the same 40 p_ee − g_ee fit equally well. The three printed columns have '
@@ -183,7 +183,7 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
     errors = ('' if error is None else f'{error:.3e}' for _, error in columns.values())
     note = (
         'With one force level only 40 p_ee − g_ee is determined. Two data sets with noise: the printed column, and one '
-        f'simulated at three force levels (10, 20, 40 N) with σ_q = {MICRO * NOISE.joint_rms:.1f} µrad and '
+        f'simulated at three force levels (10, 20, 40 N) with σ_q = {IN_MICRO * NOISE.joint_rms:.1f} µrad and '
         f'σ_f = {NOISE.force_rms:.2f} N.'
     )
     heading = ('parameter', 'unit', *columns, 'its std')
