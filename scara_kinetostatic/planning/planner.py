@@ -47,7 +47,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import MILLI, P_EE, quantity
+from scara_kinetostatic.model.parameters import MILLI, P_EE, percentage, quantity
 from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidate_touches import (
@@ -62,7 +62,6 @@ from scara_kinetostatic.planning.candidate_touches import (
 from scara_kinetostatic.planning.discrimination import Rivals
 from scara_kinetostatic.planning.motion import Roadmap, Space, Waypoints, Ways, short_order
 from scara_kinetostatic.planning.prediction import RobotModel, contributions, is_size, tip_in_use
-from scara_kinetostatic.report.quantities import PERCENT
 from scara_kinetostatic.simulation.plan import Plan
 
 UNSUSPECTED = 0.01
@@ -102,7 +101,7 @@ class TipForecast(NamedTuple):
         return (
             f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (95 %)'
             f', the tolerance is {quantity(tolerance, "m")}: '
-            f'{PERCENT * self.share:.0f} % of its variance is from {self.limit}'
+            f'{percentage(self.share)} of its variance is from {self.limit}'
         )
 
 
@@ -484,7 +483,7 @@ class Planner:
         found = []
         for k, best in zip(chosen, values[np.argmax(without / variance, axis=1)].tolist(), strict=True):
             verb = 'decides' if best >= self._values or best in self._in_doubt else 'sharpens'
-            preload = f', preload {PERCENT * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
+            preload = f', preload {percentage(PRELOAD)}' if candidates.plan.preload[k] else ''
             found.append(f'{verb} {names[best].rpartition(".")[0] or names[best]}{preload}')
         return found
 

@@ -19,7 +19,7 @@ from scara_kinetostatic.planning.prediction import Statement, tip_std
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import SERIES, WARN
-from scara_kinetostatic.report.quantities import MICRO, PERCENT, SCALES, count, micrometres
+from scara_kinetostatic.report.quantities import MICRO, SCALES, count, micrometres, percentage
 from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 _WIDTH = 920.0
@@ -115,7 +115,7 @@ def _recommended(design: Design) -> dict[str, Any]:
 def noise_sentences(design: Design) -> list[str]:
     """The noise of a touch and where it comes from, and what the cell declares as uncertain."""
     robot, um = design.robot, micrometres
-    growth = f', and {PERCENT * robot.noise.growth:.3g} % of the force' if robot.noise.growth else ''
+    growth = f', and {percentage(robot.noise.growth, ".3g")} of the force' if robot.noise.growth else ''
     of_touch = (
         f'{MICRO * robot.noise.joint_rms:.3g} µrad per joint, {robot.noise.force_rms:.3g} N per component{growth}'
     )
@@ -146,7 +146,7 @@ def statement_sentences(statement: Statement, more: tuple[int, Statement]) -> li
     source, share = more[1].largest
     helps = next(action for word, action in _HELPS.items() if word in source)
     gain = 'More touches hardly help' if least > 0.9 * whole else 'More touches help'
-    rest = f'{PERCENT * share:.0f} % of its variance is then from {source}: {helps}'
+    rest = f'{percentage(share)} of its variance is then from {source}: {helps}'
     return [
         f'A calibration with them is expected to state {um(whole)} µm (k = 2) at the worst place: errors too small '
         f'to be detected count, with typical sizes where nothing is declared. The largest parts (k = 2): {parts}.',
@@ -161,7 +161,7 @@ def set_sentences(design: Design) -> list[str]:
         f'{len(design.plan)} touches give {um(design.tip_std)} µm at the worst place of the workspace, and '
         f'{um(design.without_each.max())} µm after the loss of any one touch.',
         'Every touch is checked by the others: none decides more of its own value than '
-        f'{PERCENT * design.prediction.leverage.max():.0f} %. '
+        f'{percentage(design.prediction.leverage.max())}. '
         f'Touches that a fit has not seen are predicted with {design.held_out:.2g} times its force error.',
     ]
 
@@ -184,7 +184,7 @@ def plan_table(design: Design) -> Table:
         ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
         ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
         ('force', 'N', [f'{force:g}' for force in plan.force]),
-        ('decides', '%', [f'{PERCENT * share:.0f}' for share in design.prediction.leverage]),
+        ('decides', '%', [percentage(share).removesuffix(' %') for share in design.prediction.leverage]),
         ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
     headings, units, cells = zip(*columns, strict=True)
