@@ -59,8 +59,8 @@ from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import columns_of
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.gaussian.linear_model import Projected
-from scara_kinetostatic.gaussian.restricted_likelihood import (
+from scara_kinetostatic.gaussian.linear_model import (
+    Projected,
     at_levels,
     estimate_levels,
     estimate_sizes,

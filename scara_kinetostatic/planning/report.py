@@ -184,7 +184,7 @@ def plan_table(design: Design) -> Table:
         ('angle', '°', [f'{angle:.0f}' for angle in np.degrees(plan.angle)]),
         ('posture', '', [POSTURE_NAMES[posture] for posture in plan.posture.tolist()]),
         ('force', 'N', [f'{force:g}' for force in plan.force]),
-        ('decides', '%', [f'{100 * share:.0f}' for share in design.prediction.leverage]),
+        ('decides', '%', [percentage(share).removesuffix(' %') for share in design.prediction.leverage]),
         ('tip without it', 'µm', list(map(micrometres, design.without_each))),
     )
     headings, units, cells = zip(*columns, strict=True)

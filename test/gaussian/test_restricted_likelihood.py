@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from scara_kinetostatic.gaussian.restricted_likelihood import (
+from scara_kinetostatic.gaussian.linear_model import (
     at_levels,
     estimate_levels,
     estimate_sizes,

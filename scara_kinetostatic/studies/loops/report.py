@@ -150,7 +150,7 @@ def hysteresis_report(
     driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
     what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     if other:
-        one, two = (f'{percentage(max(each.final_share for each in some), ".2g")}' for some in (selections, other))
+        one, two = (percentage(max(each.final_share for each in some), '.2g') for some in (selections, other))
         what += f' Nothing states what drives; held out, the law errs by {one} of the range, {two} as driven by their '
         what += f'{other[0].study.driven_by} (--driven decides).'
     records = [record for each in selections for record in each.study.records]
@@ -170,7 +170,7 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit, held_out = 100 * min(selection.detectable, 1.0), _held_out(selection)
+    limit, held_out = percentage(min(selection.detectable, 1.0)), _held_out(selection)
     share = f'That is {percentage(selection.share_of_range, ".2g")} of the range.'
     errors = f'{held_out}, the error of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
@@ -182,7 +182,7 @@ def verdict(selection: Selection) -> Verdict:
             headline, level = 'These records do not show whether law (6) is sufficient', 'caution'
             residual = 'the residual of law (6)'
         found = f'No dependence of {residual} was found ({chances}).'
-        found += f' Each test would have found {limit:.0f} % of its square.'
+        found += f' Each test would have found {limit} of its square.'
         return Verdict(headline, level, (found, *_reservations(selection), errors))
     evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
     if selected is None:
