@@ -159,17 +159,15 @@ def load_arm(
         x, y = force.held
         known2 = x2 * y - y2 * x
         known1 = x1 * y - y1 * x + known2
-    own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
-    x, y, pull = x1 + x2, y1 + y2, None
-    b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
+    x, y, pull, per_angle = x1 + x2, y1 + y2, None, (p.l1 + p.l2) * force.size
     if p.has_gravity:
         pull = pull_of(p, (x1 + 1j * y1) / p.l1, (x2 + 1j * y2) / p.l2)
         assert pull is not None
         pull1, pull2 = pull.torque
         c1, c2, known1, known2 = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2
-        steepest = STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(complex(*p.gravity))
-        b1 = b1 + SIGN_KNOWN * gravity_std[0] + abs(p.g1) * steepest
-        b2 = b2 + SIGN_KNOWN * gravity_std[1] + abs(p.g2) * steepest
+        per_angle = per_angle + (abs(p.s1) + abs(p.s2)) * abs(complex(*p.gravity))
+    b1 = SIGN_KNOWN * (force.std * (x * x + y * y) ** 0.5 + gravity_std[0]) + STEEPEST * abs(p.g1) * per_angle
+    b2 = SIGN_KNOWN * (force.std * p.l2 + gravity_std[1]) + STEEPEST * abs(p.g2) * per_angle
     (s1, slope1), (s2, slope2) = place_in_band(known1, b1), place_in_band(known2, b2)
     k1, k2 = p.p1 + p.g1 * slope1, p.p2 + p.g2 * slope2
     return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2, pull)
