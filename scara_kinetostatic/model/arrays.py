@@ -13,7 +13,7 @@ Complexes = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-TINY = float(np.finfo(float).tiny)
+TINY = 1e-300
 """Stands for 0 in a denominator or a logarithm."""
 
 _Array = TypeVar('_Array', bound=NDArray[Any])
