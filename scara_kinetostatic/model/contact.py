@@ -66,7 +66,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
-from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import MILLI, NAMES, THETA1, THETA2, Parameters
 
 
 class Arm(NamedTuple):
@@ -156,7 +156,7 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
-LEAST_FORCE = 1e-3
+LEAST_FORCE = MILLI
 """N; a smaller one leaves a joint within its backlash where gravity pulls it."""
 SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 1e-4
 """Part of the largest torque of gravity, and deflection by compliance, rad, below both of which the sign of a torque is
@@ -750,7 +750,7 @@ def _reaches(parameters: Parameters, free: State, problem: ContactProblem) -> Ma
     away = np.abs(off)
     if edges is not None:
         away = np.where(edges.tangent == 0, away * edges.sense, (off * 1j * edges.tangent.conj()).real)
-    return np.asarray(away < problem.radii + 1e-3)
+    return np.asarray(away < problem.radii + MILLI)
 
 
 class ContactDerivatives(NamedTuple):

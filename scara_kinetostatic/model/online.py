@@ -186,7 +186,7 @@ class OnlineArm:
         first, second, load, rows, solved = self._links(joints, first, second, force)
         state = None
         # undetected effects are so small that they need not be worked out anew at every sample
-        parts = [small for small in self._parts if not small or self._is_outdated(joints, load, force)]
+        parts = self._parts and [small for small in self._parts if not small or self._is_outdated(joints, load, force)]
         if parts:
             for _ in range(_PASSES):
                 state, change = self._update(parts, joints, load, force, metadata or TouchMetadata.plain(1))
@@ -254,7 +254,7 @@ class OnlineArm:
         old1, old2, s1, s2, place, fx, fy = self._covariance_at
         # change of a joint angle, rad, beyond which the covariance is worked out anew; of a component of the force; and
         # of a place in a dead band
-        near = max(abs(joints[0] - old1), abs(joints[1] - old2)) < 4e-3
+        near = abs(joints[0] - old1) < 4e-3 and abs(joints[1] - old2) < 4e-3
         near = near and abs(force.x - fx) < 4.0 * force.std and abs(force.y - fy) < 4.0 * force.std
         return not (near and max(abs(load.s1 - s1), abs(load.s2 - s2), abs(force.place - place)) < 0.02)
 
