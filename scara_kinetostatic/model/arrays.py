@@ -36,6 +36,17 @@ def correlated_samples(parts: Sequence[Floats]) -> float:
     return float(1.0 + 2.0 * (products[1:end] / products[0]).sum())
 
 
+def effective_count(residual: Floats, mean: float | None = None) -> float:
+    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), at least 2.
+
+    Args:
+        residual: (n,).
+        mean: the expected one, where it is known; else that of the samples.
+    """
+    centred = residual - (residual.mean() if mean is None else mean)
+    return max(len(residual) / correlated_samples([centred]), 2.0)
+
+
 EVERY = slice(None)
 """All touches: nothing is copied."""
 

@@ -17,7 +17,6 @@ from scara_kinetostatic.report.figure import (
     FAINT,
     INK,
     LINE,
-    MICRO,
     PAPER,
     SERIES,
     THICK,
@@ -29,6 +28,7 @@ from scara_kinetostatic.report.figure import (
 )
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import (
+    MICRO,
     NOT_DETERMINED,
     Scale,
     chance,
