@@ -28,7 +28,6 @@ from scara_kinetostatic.model.tip import (
     joints_under_load,
     tip_by_joints,
     tip_by_noise,
-    tip_by_values,
     tip_under_load,
 )
 
@@ -340,8 +339,7 @@ class Predictor:
         jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
         if self._spread is None:
             return jacobian, np.full((len(force.x), 2, 2), np.nan)
-        by_model = self._spread.tip(tip_by_values(self.law, jacobian, found.loading, force, found.state))
-        return jacobian, self._spread.with_dead_bands(by_model, jacobian, found.loading, force)
+        return jacobian, self._spread.of_poses(self.law, jacobian, found.loading, force, found.state)
 
     def _status(
         self, found: Equilibrium, force: Force, spread: Floats, metadata: TouchMetadata, posture: Indices

@@ -13,7 +13,7 @@ Complexes = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-TINY = float(np.finfo(float).tiny)
+TINY = 1e-300
 """Stands for 0 in a denominator or a logarithm."""
 
 _Array = TypeVar('_Array', bound=NDArray[Any])
@@ -34,6 +34,17 @@ def correlated_samples(parts: Sequence[Floats]) -> float:
         return 1.0
     end = int(np.argmax(products <= 0)) or len(products)
     return float(1.0 + 2.0 * (products[1:end] / products[0]).sum())
+
+
+def effective_count(residual: Floats, mean: float | None = None) -> float:
+    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), at least 2.
+
+    Args:
+        residual: (n,).
+        mean: the expected one, where it is known; else that of the samples.
+    """
+    centred = residual - (residual.mean() if mean is None else mean)
+    return max(len(residual) / correlated_samples([centred]), 2.0)
 
 
 EVERY = slice(None)

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.outline import (
     outline_problem,
     surfaces_of,
 )
-from scara_kinetostatic.model.parameters import PAPER_NOMINAL, UNITS, Parameters
+from scara_kinetostatic.model.parameters import MICRO, MILLI, PAPER_NOMINAL, UNITS, Parameters
 
 Level: TypeAlias = float | tuple[float, float]
 """A standard deviation of both axes, or one of each."""
@@ -397,7 +397,7 @@ class Region(NamedTuple):
         return np.asarray(((places >= low) & (places <= high)).all(axis=-1))
 
 
-HELD_WITHIN = 1e-3
+HELD_WITHIN = MILLI
 """A joint that is to be held and is farther from its position has moved, rad or m."""
 
 
@@ -764,7 +764,7 @@ def _gap(one: Disc | Outline, other: Disc | Outline, tip_radius: float | None) -
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
 """The three discs of figure 3."""
-MEASURED_DISCS = tuple(disc._replace(center_std=3e-6, radius_std=2e-6) for disc in PAPER_DISCS)
+MEASURED_DISCS = tuple(disc._replace(center_std=3 * MICRO, radius_std=2 * MICRO) for disc in PAPER_DISCS)
 """The same, as known as by a coordinate measuring machine."""
 PAPER_CELL = Cell(
     PAPER_NOMINAL, MEASURED_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')

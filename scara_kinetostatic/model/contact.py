@@ -66,7 +66,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
-from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import MILLI, NAMES, THETA1, THETA2, Parameters
 
 
 class Arm(NamedTuple):
@@ -156,7 +156,7 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
-LEAST_FORCE = 1e-3
+LEAST_FORCE = MILLI
 """N; a smaller one leaves a joint within its backlash where gravity pulls it."""
 SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 1e-4
 """Part of the largest torque of gravity, and deflection by compliance, rad, below both of which the sign of a torque is
@@ -211,10 +211,13 @@ class Edges(NamedTuple):
         """The same with a displacement d, (n,), m."""
         return self._replace(aside=place - across(self.tangent, place))
 
-    def inward(self, to_center: Complexes) -> Complexes:
-        """Directions of forces along the normal, for vectors from tip to centre, (n,), m."""
-        normal = 1j * self.tangent * EDGE_RADIUS - self.aside
-        return np.where(self.tangent == 0, self.sense * to_center, normal)
+
+def inward(to_center: Floats, edges: Edges | None) -> Floats:
+    """Vectors along which forces without friction act on the object, for those from tip to centre, (n, 2), m."""
+    if edges is None:
+        return to_center
+    normal = 1j * edges.tangent * EDGE_RADIUS - edges.aside
+    return pairs(np.where(edges.tangent == 0, edges.sense * as_complex(to_center), normal))
 
 
 class ContactProblem(NamedTuple):
@@ -240,8 +243,7 @@ class ContactProblem(NamedTuple):
 
     def inward(self, tips: Floats) -> Floats:
         """Vectors along which forces without friction act on the object, (n, 2), for tips (n, 2), m."""
-        to_center = self.centers - tips
-        return to_center if self.edges is None else pairs(self.edges.inward(as_complex(to_center)))
+        return inward(self.centers - tips, self.edges)
 
     def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
         """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
@@ -279,12 +281,10 @@ class ContactProblem(NamedTuple):
 def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: Edges | None = None) -> State:
     """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
 
-    def inward(links: Floats) -> Floats:
-        to_disc = centers - forward(parameters, links)
-        to_disc = to_disc if edges is None else pairs(edges.inward(as_complex(to_disc)))
-        return np.asarray(np.arctan2(*to_disc.T[::-1]))
+    def direction_at(links: Floats) -> Floats:
+        return np.asarray(np.arctan2(*inward(centers - forward(parameters, links), edges).T[::-1]))
 
-    direction = inward(joints)
+    direction = direction_at(joints)
     still, (q1, q2) = np.zeros(len(direction)), joints.T
     state = State(q1, q2, still, direction, still, still)
     mode1, mode2 = np.where(view_arm(parameters, state).lever < 0, -1.0, 1.0)
@@ -292,7 +292,7 @@ def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: E
     if parameters.has_gravity:  # the arm hangs in its joints
         for _ in range(4):
             state, _ = step_links(parameters, joints, state)
-        state = state._replace(direction=inward(np.array(state[:2]).T))
+        state = state._replace(direction=direction_at(np.array(state[:2]).T))
     return state
 
 
@@ -318,9 +318,10 @@ class Rows(NamedTuple):
     inverse: Floats
     pulled: tuple[Floats, Pull] | None = None
 
-    def step(self, left: Floats) -> Floats:
-        """M⁻¹ times what is left of the rows, (2, n)."""
-        return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
+    def solved(self, state: State, left: Floats) -> State:
+        """The state after Newton's step of the rows, of which so much is left, (2, n)."""
+        step1, step2 = self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
+        return State(state.link1 - step1, state.link2 - step2, *state[2:])
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, arm: Arm | None = None) -> Rows:
@@ -356,8 +357,7 @@ def step_links(
         The state, and the arm there.
     """
     rows = joint_rows(parameters, joints, state, arm)
-    step1, step2 = rows.step(rows.row)
-    state = state._replace(link1=state.link1 - step1, link2=state.link2 - step2)
+    state = rows.solved(state, rows.row)
     arm = view_arm(parameters, state)
     return (state if frozen else next_modes(parameters, joints, state, arm)), arm
 
@@ -459,15 +459,6 @@ def parameter_derivative(parameters: Parameters, state: State, equations: Equati
     along = equations.across(along)
     found[:, 0], found[:, 1] = along.real, along.imag
     return found.transpose(2, 1, 0)
-
-
-def move_links(equations: Equations, state: State, change_f: Floats, change_d: Floats) -> State:
-    """One Newton step of the rows: the link angles that go with a change of f and φ."""
-    row_f, row_d = equations.rows_by
-    step1, step2 = equations.rows.step(equations.rows.row + row_f * change_f + row_d * change_d)
-    return State(
-        state.link1 - step1, state.link2 - step2, state.magnitude + change_f, state.direction + change_d, *state[4:]
-    )
 
 
 _ANGLE_STEP = 1e-5
@@ -594,12 +585,13 @@ def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, M
 
 
 def _newton_step(e: Equations, state: State) -> State:
-    h_f, h_d = e.h_by
+    (h_f, h_d), (row_f, row_d) = e.h_by, e.rows_by
     det = (h_f.conj() * h_d).imag
     change_f, change_d = -(e.h.conj() * h_d).imag / det, -(h_f.conj() * e.h).imag / det
     # so far a step may turn the direction of the force, rad
     change_d = np.clip(change_d, -0.5, 0.5)
-    return move_links(e, state, change_f, change_d)
+    state = State(*state[:2], state.magnitude + change_f, state.direction + change_d, *state[4:])
+    return e.rows.solved(state, e.rows.row + row_f * change_f + row_d * change_d)
 
 
 def _is_solved(model: ExtendedModel, problem: ContactProblem, state: State) -> Mask:
@@ -758,7 +750,7 @@ def _reaches(parameters: Parameters, free: State, problem: ContactProblem) -> Ma
     away = np.abs(off)
     if edges is not None:
         away = np.where(edges.tangent == 0, away * edges.sense, (off * 1j * edges.tangent.conj()).real)
-    return np.asarray(away < problem.radii + 1e-3)
+    return np.asarray(away < problem.radii + MILLI)
 
 
 class ContactDerivatives(NamedTuple):

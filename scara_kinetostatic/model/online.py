@@ -35,7 +35,6 @@ from scara_kinetostatic.model.tip import (
     newton_step,
     tip_by_joints,
     tip_by_noise,
-    tip_by_values,
 )
 
 
@@ -99,6 +98,8 @@ def check_free(arm: CalibratedArm, joints: Floats, reported: Floats) -> None:
 
 WIDTH = 2.0
 """Of the hysteresis, standard deviations of a component of the force."""
+_NOWHERE = (nan,) * 7
+"""A pose from which all others have moved away."""
 _PASSES = 30
 
 
@@ -134,7 +135,7 @@ class OnlineArm:
         self.predictor = Predictor(self.arm)
         self._law, self._p = self.predictor.law, self.predictor.law.model.parameters
         self._spread = arm.spread
-        self._covariance, self._covariance_at = np.full((3, 3), nan), (nan,) * 7
+        self._covariance, self._covariance_at = np.full((3, 3), nan), _NOWHERE
         exact = self.arm.sensor == (0.0, 0.0) and not self._law.model.has_sensor_error
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
         self._levels = self.arm.noise.force_rms, self.arm.noise.growth
@@ -185,7 +186,7 @@ class OnlineArm:
         first, second, load, rows, solved = self._links(joints, first, second, force)
         state = None
         # undetected effects are so small that they need not be worked out anew at every sample
-        parts = [small for small in self._parts if not small or self._is_outdated(joints, load, force)]
+        parts = self._parts and [small for small in self._parts if not small or self._is_outdated(joints, load, force)]
         if parts:
             for _ in range(_PASSES):
                 state, change = self._update(parts, joints, load, force, metadata or TouchMetadata.plain(1))
@@ -197,7 +198,7 @@ class OnlineArm:
         x, y = load.tip(p)
         x, y = x + self._shift[2], y + self._shift[3]
         if not (solved and isfinite(x) and isfinite(y)):
-            self._deflection, self._shift, self._covariance_at = (0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (nan,) * 7
+            self._deflection, self._shift, self._covariance_at = (0.0, 0.0), (0.0, 0.0, 0.0, 0.0), _NOWHERE
             return OnlinePosition(nan, nan, nan, np.full((3, 3), nan), 'undetermined')
         self._deflection = first - rest[0], second - rest[1]
         if self._is_outdated(joints, load, force):
@@ -262,9 +263,8 @@ class OnlineArm:
     ) -> Floats:
         """Of x, y and yaw by calibration, dead band and noise of the measurement, (3, 3); NaN if it is undetermined."""
         jacobian = tip_by_joints(load, rows, with_yaw=True)
-        by_model = self._spread.tip(tip_by_values(self._law, jacobian, load, force, state))
         by_noise = tip_by_noise(self._law, jacobian, load, force)
-        return self._spread.with_dead_bands(by_model, jacobian, load, force) + by_noise @ by_noise.T
+        return self._spread.of_poses(self._law, jacobian, load, force, state) + by_noise @ by_noise.T
 
     def _status(self, load: Loading, force: Force, elbow: float) -> str:
         used, side = self.arm.used, 1 if sin(elbow) > 0 else -1

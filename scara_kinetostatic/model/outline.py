@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import TINY, Complexes, Floats, Indices, Mask, as_complex, pairs
+from scara_kinetostatic.model.parameters import MICRO, MILLI, NANO
 
 EDGE_RADIUS = 0.05
 """Radius of the disc that slides along a straight edge, m: weighs the direction of the force in the equations as the
@@ -162,11 +163,11 @@ class Surfaces(NamedTuple):
     def settled(self, tips: Floats, normals: Floats, disc: Indices) -> Indices:
         """Numbers of the touched surfaces, (n,), by tips and directions of the forces in a fit, (n, 2).
 
-        What an angle between force and normal counts beside a distance is 1e-3 m/rad.
+        What an angle between force and normal counts beside a distance is 1 mm/rad.
         """
         angle = np.arccos(np.clip(-normals @ self.normals.T, -1.0, 1.0))
         beside = np.maximum(angle - np.where(self.is_edge, 0.0, self.halves), 0.0)
-        return self.nearest(self.distances(tips) + 1e-3 * beside, disc)
+        return self.nearest(self.distances(tips) + MILLI * beside, disc)
 
     def gaps(self, tips: Floats) -> Floats:
         """Distances of places (n, 2), m, from the whole line or circle of each surface, outside positive, (n, E), m."""
@@ -181,7 +182,7 @@ class Surfaces(NamedTuple):
         is_last = np.append(np.diff(self.object) != 0, True)
         after = np.where(is_last, np.searchsorted(self.object, self.object), np.arange(len(is_last)) + 1)
         (x, y), (u, v) = self.tangents.T, self.tangents[after].T
-        meet = (x * v - y * u < -_STRAIGHT) & (np.hypot(*(ends - begins[after]).T) < 1e-9)
+        meet = (x * v - y * u < -_STRAIGHT) & (np.hypot(*(ends - begins[after]).T) < NANO)
         return np.flatnonzero(meet), after[meet]
 
     def touch_both(self, tips: Floats, within: float) -> Mask:
@@ -283,7 +284,7 @@ def _elements(outline: Outline, tip_radius: float) -> list[tuple[complex, float,
     return rows
 
 
-_STRAIGHT = 1e-9
+_STRAIGHT = NANO
 """Angle below which an outline does not turn at a corner, rad."""
 
 
@@ -315,9 +316,9 @@ def outline_problem(outline: Outline, tip_radius: float) -> tuple[str, str] | No
     if len(outline.corners) < least:
         return f'expected {least} corners or more, got {len(outline.corners)}', 'give each corner as [x, y]'
     point, _, length, turn, cut = edges_of(outline)
-    if not (length > 1e-6).all():
+    if not (length > MICRO).all():
         return f'corner {int(np.argmin(length))} is given twice', 'give each corner once; the outline closes by itself'
-    nearly = np.flatnonzero(np.abs(turn) > np.pi - 1e-3)
+    nearly = np.flatnonzero(np.abs(turn) > np.pi - MILLI)
     if len(nearly) or _crosses(point, not outline.is_open):
         return 'the outline crosses itself', 'give its corners in order, counter-clockwise'
     if not outline.is_open and (point.conj() * np.roll(point, -1)).imag.sum() < 0:
@@ -359,7 +360,7 @@ def crosses(one: Floats, other: Floats) -> bool:
     return bool(((along < 0) & (across < 0)).any())
 
 
-def boundary(item: Surfaces, step: float = 1e-3) -> Floats:
+def boundary(item: Surfaces, step: float = MILLI) -> Floats:
     """Places along the surfaces of one object, about `step` apart, (k, 2), m."""
     size = np.where(item.is_edge, item.halves, np.abs(item.radii) * item.halves)
     parts = [np.linspace(-1, 1, max(2, int(np.ceil(2 * s / step)) + 1)) for s in size]

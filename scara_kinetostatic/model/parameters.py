@@ -5,6 +5,7 @@ from __future__ import annotations
 from cmath import rect
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, isfinite, pi
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import read_only
 
 _TABLE = (
     ('x0', 'm', 'base offset along x'),
@@ -185,15 +187,15 @@ class Parameters:
         """The values by name, in the order of `names`."""
         return {name: getattr(self, name) for name in self.names}
 
-    @property
+    @cached_property
     def joint_compliances(self) -> NDArray[np.float64]:
         """p1 and p2, (2, 1), rad/Nm."""
-        return np.array([[self.p1], [self.p2]])
+        return read_only(np.array([[self.p1], [self.p2]]))
 
-    @property
+    @cached_property
     def joint_backlashes(self) -> NDArray[np.float64]:
         """g1 and g2, (2, 1), rad."""
-        return np.array([[self.g1], [self.g2]])
+        return read_only(np.array([[self.g1], [self.g2]]))
 
     def replace(self, **changes: Any) -> Parameters:
         """The same with some values changed."""

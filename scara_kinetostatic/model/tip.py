@@ -159,17 +159,15 @@ def load_arm(
         x, y = force.held
         known2 = x2 * y - y2 * x
         known1 = x1 * y - y1 * x + known2
-    own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
-    x, y, pull = x1 + x2, y1 + y2, None
-    b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
+    x, y, pull, per_angle = x1 + x2, y1 + y2, None, (p.l1 + p.l2) * force.size
     if p.has_gravity:
         pull = pull_of(p, (x1 + 1j * y1) / p.l1, (x2 + 1j * y2) / p.l2)
         assert pull is not None
         pull1, pull2 = pull.torque
         c1, c2, known1, known2 = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2
-        steepest = STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(complex(*p.gravity))
-        b1 = b1 + SIGN_KNOWN * gravity_std[0] + abs(p.g1) * steepest
-        b2 = b2 + SIGN_KNOWN * gravity_std[1] + abs(p.g2) * steepest
+        per_angle = per_angle + (abs(p.s1) + abs(p.s2)) * abs(complex(*p.gravity))
+    b1 = SIGN_KNOWN * (force.std * (x * x + y * y) ** 0.5 + gravity_std[0]) + STEEPEST * abs(p.g1) * per_angle
+    b2 = SIGN_KNOWN * (force.std * p.l2 + gravity_std[1]) + STEEPEST * abs(p.g2) * per_angle
     (s1, slope1), (s2, slope2) = place_in_band(known1, b1), place_in_band(known2, b2)
     k1, k2 = p.p1 + p.g1 * slope1, p.p2 + p.g2 * slope2
     return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2, pull)
@@ -274,6 +272,8 @@ _PASSES = 60
 """Steps at most; Newton's method needs three or four, with effects some more."""
 _ROUNDING = 1e-12
 """Change of an angle or a place at which it is found, rad and m."""
+_NOTHING = 1e-15
+"""Change of an angle or a place that no further step makes smaller, rad and m."""
 _SOLVED = 1e-11
 """Change beyond which a pose has not been found, rad and m: nothing physical is like that."""
 
@@ -395,6 +395,11 @@ class Spread(NamedTuple):
         found = by_values @ by_values.swapaxes(-1, -2)
         free = np.square(derivative[..., :2, :] @ self.undetermined).sum(axis=(-1, -2))
         return np.where((free > _variance(found))[..., None, None], np.nan, found)
+
+    def of_poses(self, law: Law, jacobian: Floats, at: Loading, force: Force, state: TouchState | None) -> Floats:
+        """Covariance of the tip by calibration and dead bands, (..., r, r), m²; arguments as `tip_by_values`."""
+        by_model = self.tip(tip_by_values(law, jacobian, at, force, state))
+        return self.with_dead_bands(by_model, jacobian, at, force)
 
     def with_dead_bands(self, by_model: Floats, jacobian: Floats, at: Loading, force: Force) -> Floats:
         """Covariance of the tip by the values of the model and the unknown places in the dead bands, (..., r, r), m².
@@ -658,14 +663,14 @@ def direct_kinetostatics(
     pressed = (np.any(force != 0, axis=1) | p.has_gravity)[:, None]
     known = TouchMetadata.plain(len(force)) if known is None else known
     turn = moved = np.zeros(np.shape(joints))
-    for _ in range(60):
+    for _ in range(_PASSES):
         links = np.where(pressed, _links(p, joints - turn, force), joints - turn)
         first = links[:, 0] + p.theta1
         at = law.loading(first, first + links[:, 1] + p.theta2, load)
         if not law.model.effects:
             break
         before, (turn, moved) = (turn, moved), law.shift(law.touch_state(joints, at, load, known), load.place)
-        if not np.any(np.abs([turn - before[0], moved - before[1]]) > 1e-15):
+        if not np.any(np.abs([turn - before[0], moved - before[1]]) > _NOTHING):
             break
     return np.array(at.tip(p)).T + moved, np.array([at.c1, at.c2]).T
 
@@ -697,10 +702,10 @@ def _links_from(
         before, (state, arm) = state, step_links(parameters, joints, state)
         if ((state.mode1 != before.mode1) | (state.mode2 != before.mode2)).any():
             state, _ = step_links(parameters, joints, state, arm=arm)
-        if not np.any(_change(state, before) > 1e-15):
+        if not np.any(_change(state, before) > _NOTHING):
             break
     further, _ = step_links(parameters, joints, state)
-    settled = (_change(state, further) < 1e-12) & (state.mode1 == further.mode1) & (state.mode2 == further.mode2)
+    settled = (_change(state, further) < _ROUNDING) & (state.mode1 == further.mode1) & (state.mode2 == further.mode2)
     return np.stack([state.link1, state.link2], axis=-1), np.asarray(settled)
 
 

@@ -9,9 +9,9 @@ import pytest
 from studies.load_records import play
 
 from benchmark.hysteresis import alarmed, exact_force, simulate_record, sine
-from scara_kinetostatic.model.arrays import rms
+from scara_kinetostatic.model.arrays import effective_count, rms
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.studies.loops.fit import FitSamples, effective_count, evaluate, fit_law, predict
+from scara_kinetostatic.studies.loops.fit import FitSamples, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
 from scara_kinetostatic.studies.loops.record import MOTION, Record, RecordPath
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from scara_kinetostatic.model.arrays import TINY, Floats, Mask, correlated_samples
+from scara_kinetostatic.model.arrays import TINY, Floats, Mask, effective_count
 from scara_kinetostatic.studies.loops.laws import RecordLaw, Shape, Values, reported
 from scara_kinetostatic.studies.loops.record import MOTION, RecordPath, block_means
 
@@ -323,14 +323,3 @@ def predict(fitted: FittedLaw, path: RecordPath, known: Mask, states: int = 41) 
             break
         grid = np.clip(found.state + step * np.linspace(-2.0, 2.0, states), -1.0, 1.0)
     return found
-
-
-def effective_count(residual: Floats, mean: float | None = None) -> float:
-    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), at least 2.
-
-    Args:
-        residual: (n,).
-        mean: the expected one, where it is known; else that of the samples.
-    """
-    centred = residual - (residual.mean() if mean is None else mean)
-    return max(len(residual) / correlated_samples([centred]), 2.0)

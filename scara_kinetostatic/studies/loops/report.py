@@ -15,11 +15,12 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import (
     FAINT,
-    IN_MICRO,
     INK,
     LINE,
     PAPER,
     SERIES,
+    THICK,
+    THIN,
     WARN,
     Margins,
     as_svg,
@@ -27,6 +28,7 @@ from scara_kinetostatic.report.figure import (
 )
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import (
+    IN_MICRO,
     NOT_DETERMINED,
     Scale,
     chance,
@@ -338,9 +340,9 @@ def _picture(selection: Selection, judged: Judged, name: str) -> Markup:
     axes.set(xlabel=xlabel, ylabel=ylabel)
     block = -(-len(measured) // 1000)
     x = block_means(across.per_si * path.driver, block)
-    axes.plot(x, block_means(up.per_si * measured, block), color=INK, lw=0.8, label='measured')
+    axes.plot(x, block_means(up.per_si * measured, block), color=INK, lw=THIN, label='measured')
     for left, colour, label in residuals:
-        axes.plot(x, block_means(up.per_si * (measured - left), block), color=colour, lw=1.4, label=label)
+        axes.plot(x, block_means(up.per_si * (measured - left), block), color=colour, label=label)
     axes.legend(frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.19), ncols=3, handlelength=1.4)
     return as_svg(figure, name, record.words(f'{driven[0]} over {driver[0]}, measured and predicted'))
 
@@ -461,16 +463,16 @@ def map_picture(part: dial_gauge.Part, what: str, name: str) -> Markup:
     axes = cast(PolarAxes, found[0])
     turn = np.linspace(0, 2 * np.pi, 361)
     middle = getattr(part, what)
-    axes.plot(turn, np.full_like(turn, IN_MICRO * middle.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
+    axes.plot(turn, np.full_like(turn, IN_MICRO * middle.value), color=FAINT, lw=THIN, ls=(0, (3, 3)))
     values, bars = (IN_MICRO * np.array([getattr(run, what)[k] for run in part.runs]) for k in (0, 1))
     direction = [run.readings.direction for run in part.runs]
-    axes.errorbar(direction, values, 2 * bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
+    axes.errorbar(direction, values, 2 * bars, fmt='o', ms=4, color=INK, mfc=PAPER, mec=INK)
     axes.set_ylim(0, 1.15 * float(np.max(values + 2 * bars)))
     axes.set_thetagrids(range(0, 360, 30))
     axes.set_rlabel_position(75)
     axes.yaxis.set_major_locator(MaxNLocator(4, prune='lower'))
     axes.spines['polar'].set_color(LINE)
-    axes.set_title(f'{what}  [µ{middle.unit}]', pad=14)
+    axes.set_title(f'{what}  [µ{middle.unit}]')
     return as_svg(figure, name, f'{what} over the direction')
 
 
@@ -488,18 +490,18 @@ def force_picture(run: dial_gauge.Run, name: str) -> Markup:
     for sign, colour in ((1, SERIES[0]), (-1, SERIES[1])):
         rows = fit.used & (np.sign(force) == sign)
         above.plot(force[rows], displacement[rows], 'o', ms=3, color=colour, mew=0)
-        below.plot(force[rows], IN_MICRO * fit.residual[rows], 'o', ms=2.5, color=colour, mew=0)
+        below.plot(force[rows], IN_MICRO * fit.residual[rows], 'o', ms=3, color=colour, mew=0)
         lines = fit.lines[fit.lines[:, 0] == sign]
         offset, slope, far = IN_MICRO * lines[:, 1].mean(), IN_MICRO * lines[0, 2], sign * np.abs(force[rows]).max()
-        above.plot([0, far], [offset, offset + slope * far], color=colour, lw=1.2)
+        above.plot([0, far], [offset, offset + slope * far], color=colour)
         offsets.append(offset)
-    above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
+    above.plot([0, 0], offsets, color=INK, lw=THICK, solid_capstyle='butt')
     text = f'gap {IN_MICRO * fit.gap.value:.4g} µm at the gauge'
     above.annotate(text, (0, np.mean(offsets)), (10, 0), textcoords='offset points', va='center', color=INK)
     for axes, values in ((above, displacement), (below, IN_MICRO * fit.residual)):
         axes.plot(force[list(run.outliers)], values[list(run.outliers)], 'X', ms=8, mfc=WARN, mec=PAPER)
     above.set(ylabel='displacement  [µm]')
-    below.axhline(0, color=FAINT, lw=0.9)
+    below.axhline(0, color=FAINT, lw=THIN)
     below.set(xlabel='force  [N]', ylabel='residual  [µm]')
     figure.align_ylabels()
     return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')

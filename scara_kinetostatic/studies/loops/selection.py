@@ -60,16 +60,8 @@ import numpy as np
 from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import TINY, Floats, Mask, rms
-from scara_kinetostatic.studies.loops.fit import (
-    FitSamples,
-    FittedLaw,
-    PredictedRecord,
-    effective_count,
-    evaluate,
-    fit_law,
-    predict,
-)
+from scara_kinetostatic.model.arrays import TINY, Floats, Mask, effective_count, rms
+from scara_kinetostatic.studies.loops.fit import FitSamples, FittedLaw, PredictedRecord, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, RecordLaw
 from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
