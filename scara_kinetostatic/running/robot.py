@@ -43,7 +43,7 @@ _BEND = 0.15
 """Corners are where the way turns by more, rad."""
 LIFT_SPEED = 0.05
 """Of the lift, m/s."""
-_OFF_TRACK, OFF_APPROACH = 0.02, 2e-3
+_OFF_TRACK, OFF_APPROACH = 0.02, 2 * MILLI
 """How far the joints may be off their way in travel and towards a contact, rad."""
 _LATE, _BEHIND = 0.15, 2e-4
 """How far the robot may be behind, s and m together; farther, its way waits for it."""
@@ -53,7 +53,7 @@ _FOLLOWS = 1 / 3
 """A robot that for `_LATE` comes less than such a part of its way is behind, too, and gets no further message: at each
 one a controller whose time is scaled by 0 moves on.
 """
-_ARRIVED = 1e-3
+_ARRIVED = MILLI
 """The same at the end of a way, m."""
 LATEST = 0.05
 """A reading that is not older is that of now; the robot stops within this time, s."""

@@ -63,13 +63,13 @@ _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _FAST = 0.02
 """Towards a contact, as far as none can be expected, m/s; a stop from it has to stay below the largest force."""
-_PRESS_SPEED = 2e-3
+_PRESS_SPEED = 2 * MILLI
 """Largest in a contact, m/s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
-_PAST = 4e-3
+_PAST = 4 * MILLI
 """How far the track of an approach leads on behind the end of the search, m."""
-_CLEAR = 5e-4
+_CLEAR = MILLI / 2
 """How far from the surface it is before it retracts fast, m."""
 _WAIT = 0.12
 """Between a motion in contact and the measurement of the force, s: less than what would be a hold."""
@@ -629,7 +629,7 @@ class Runner:
             if is_eased:
                 continue
             gained = self.senses.mean_force() - force
-            seen = (motion.at - before) / max(gained, 1e-3) / compliance
+            seen = (motion.at - before) / max(gained, MILLI) / compliance
             softer = float(np.clip(seen, max(_GENTLE, softer / 2), softer * 2))
             if motion.at >= track.length:
                 raise Fault(f'the force stays at {force:.1f} N, wanted {goal:.0f} N: the object gives way, or slides')

@@ -21,7 +21,7 @@ from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import NANO, Parameters
+from scara_kinetostatic.model.parameters import MICRO, NANO, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.motion import Motion, Robot, SlidingMotion, Timing, Trajectory, load_histories
 from scara_kinetostatic.simulation.plan import Plan, Slide, check_numbers
@@ -55,7 +55,7 @@ class SensorModel:
     joint_noise: float = 0.0
     force_noise: float = 0.05
     bias: tuple[float, float] = (1.2, -0.8)
-    resolution: float = 1e-6
+    resolution: float = MICRO
     joint_rate: float = 80.0
     wrench_rate: float = 98.0
     jitter: float = 0.1
