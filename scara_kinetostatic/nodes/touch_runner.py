@@ -52,7 +52,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
-from scara_kinetostatic.model.parameters import NANO
+from scara_kinetostatic.model.parameters import MILLI, NANO
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, Condition, RefusedError
@@ -405,7 +405,7 @@ class TouchRunner(RecordingNode):
                 senses.add_joints(now, NANO * sample.stamp_ns, sample[1:3], lift)
             else:
                 senses.add_force(now, NANO * sample.stamp_ns, sample[1:3])
-                if not 0 <= self._time() - self._ticked < 2_000_000:
+                if not 0 <= self._time() - self._ticked < 2 * MILLI * SECOND:
                     self._tick()
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:

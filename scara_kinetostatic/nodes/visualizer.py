@@ -30,15 +30,8 @@ from scara_kinetostatic.model.cell import Disc, Plane
 from scara_kinetostatic.model.kinematics import forward, link_vectors, rotate
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.conversion import (
-    JointReader,
-    UnusableMessageError,
-    marker,
-    marker_array,
-    numbers_of,
-    touches_in,
-)
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, NEWEST, forget_oldest, waiting
 
 _OBJECT: Colour = (0.90, 0.62, 0.0, 0.35)
@@ -71,7 +64,7 @@ class Visualizer(CellNode):
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
         topic = self._cell.sensor.joint_states
         self._joint_states = self.create_subscription(JointState, topic, self._note_joints, NEWEST, raw=True)
-        self._reader = JointReader(self._cell.joint_names)
+        self._reader = conversion.JointReader(self._cell.joint_names)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         if self.value('publish_urdf') and not self._cell.plane.tip:
@@ -83,13 +76,13 @@ class Visualizer(CellNode):
     def _note_joints(self, message: bytes) -> None:
         later = [other for other, _ in waiting(self._joint_states)]
         for each in (message, *later):  # of several publishers, each with a part of the joints
-            with suppress(UnusableMessageError):  # the collector says so
+            with suppress(conversion.UnusableMessageError):  # the collector says so
                 for sample in self._reader.samples(each):
                     q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
                     self._joints = q1, q2
 
     def _note_touch(self, message: DiagnosticArray) -> None:
-        self._touches |= touches_in(message)
+        self._touches |= conversion.touches_in(message)
         self._changed = True
         forget_oldest(self._touches)
 
@@ -111,7 +104,7 @@ class Visualizer(CellNode):
         for values in self._touches.values():
             parameters = self._calibrated or self._cell.nominal
             made += touch_markers(values, parameters, self.value('force_scale'), self._plane)
-        self._markers.publish(marker_array(made, self._plane))
+        self._markers.publish(conversion.marker_array(made, self._plane))
 
     def _publish_arms(self) -> None:
         if self._joints is None:
@@ -123,9 +116,9 @@ class Visualizer(CellNode):
         ):
             if parameters is not None:
                 base, links = np.array([[parameters.x0, parameters.y0]]), link_vectors(parameters, self._joints)
-                corners = np.cumsum([*base, *links], axis=0)
-                made.append(marker(group, Marker.LINE_STRIP, corners, self._plane, colour, (_LINK, 0.0, 0.0)))
-        self._arm.publish(marker_array(made, self._plane))
+                line, width = np.cumsum([*base, *links], axis=0), (_LINK, 0.0, 0.0)
+                made.append(conversion.marker(group, Marker.LINE_STRIP, line, self._plane, colour, width))
+        self._arm.publish(conversion.marker_array(made, self._plane))
 
 
 def object_markers(discs: Sequence[Disc | Outline], plane: Plane) -> list[Marker]:
@@ -134,12 +127,12 @@ def object_markers(discs: Sequence[Disc | Outline], plane: Plane) -> list[Marker
     for disc in discs:
         if isinstance(disc, Outline):
             line = (*_OBJECT[:3], 1.0)
-            made.append(marker('objects', Marker.LINE_STRIP, disc.shape(), plane, line, (_THIN, 0.0, 0.0)))
+            made.append(conversion.marker('objects', Marker.LINE_STRIP, disc.shape(), plane, line, (_THIN, 0.0, 0.0)))
         else:
             size = 2 * disc.radius, 2 * disc.radius, _THIN
-            made.append(marker('objects', Marker.CYLINDER, (disc.x, disc.y), plane, _OBJECT, size))
+            made.append(conversion.marker('objects', Marker.CYLINDER, (disc.x, disc.y), plane, _OBJECT, size))
         at = disc.x, disc.y - disc.radius / 2
-        made.append(marker('objects', Marker.TEXT_VIEW_FACING, at, plane, _TEXT, (0.0, 0.0, _LETTERS)))
+        made.append(conversion.marker('objects', Marker.TEXT_VIEW_FACING, at, plane, _TEXT, (0.0, 0.0, _LETTERS)))
         made[-1].text = disc.name
     return made
 
@@ -154,17 +147,17 @@ def touch_markers(values: Mapping[str, str], parameters: Parameters, scale: floa
         plane: of the arm.
     """
     try:
-        q1, q2, *force = numbers_of(values)
+        q1, q2, *force = conversion.numbers_of(values)
     except (ValueError, LookupError):
         return []
     if not np.isfinite([q1, q2, *force]).all():
         return []
     tip = forward(parameters, (q1, q2))
     if values.get('accepted') != 'true':
-        return [marker('rejected', Marker.SPHERE, tip, plane, _UNUSED, (1.5 * _DOT,) * 3)]
+        return [conversion.marker('rejected', Marker.SPHERE, tip, plane, _UNUSED, (1.5 * _DOT,) * 3)]
     turn = q1 + parameters.theta1 + q2 + parameters.theta2 if values.get('frame') == 'tool' else 0.0
     ends = [tip - scale * rotate(force, turn), tip]
     return [
-        marker('touches', Marker.SPHERE, tip, plane, _TOUCH, (_DOT,) * 3),
-        marker('forces', Marker.ARROW, ends, plane, _TOUCH, (_THIN, 3 * _THIN, 0.0)),  # of shaft and head
+        conversion.marker('touches', Marker.SPHERE, tip, plane, _TOUCH, (_DOT,) * 3),
+        conversion.marker('forces', Marker.ARROW, ends, plane, _TOUCH, (_THIN, 3 * _THIN, 0.0)),  # of shaft and head
     ]

@@ -41,7 +41,7 @@ _MOST_FAILED = 9
 """Failed touches in a row, or three times as many altogether, after which the whole run is given up."""
 _TO_DECIDE = 12
 """Touches that are made at most to decide between effects."""
-_WELL_KNOWN = 2e-3
+_WELL_KNOWN = 2 * MILLI
 """Expanded uncertainty of the tip above which the motions stay those of the former arm, at first the nominal one, m."""
 _STALLED, _PROGRESS = 12, 0.95
 """Touches are not the limit where so many of them left more than this part of the uncertainty of the tip."""

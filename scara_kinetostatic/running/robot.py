@@ -43,9 +43,9 @@ _BEND = 0.15
 """Corners are where the way turns by more, rad."""
 LIFT_SPEED = 0.05
 """Of the lift, m/s."""
-OFF_TRACK, OFF_APPROACH = 0.02, 2e-3
+_OFF_TRACK, OFF_APPROACH = 0.02, 2 * MILLI
 """How far the joints may be off their way in travel and towards a contact, rad."""
-_LATE, BEHIND = 0.15, 2e-4
+_LATE, _BEHIND = 0.15, 2e-4
 """How far the robot may be behind, s and m together; farther, its way waits for it."""
 _STANDS, _MOVED = 0.25, 5e-5
 """A robot that is behind and comes less far in such a time stands, s and m."""
@@ -53,7 +53,7 @@ _FOLLOWS = 1 / 3
 """A robot that for `_LATE` comes less than such a part of its way is behind, too, and gets no further message: at each
 one a controller whose time is scaled by 0 moves on.
 """
-_ARRIVED = 1e-3
+_ARRIVED = MILLI
 """The same at the end of a way, m."""
 LATEST = 0.05
 """A reading that is not older is that of now; the robot stops within this time, s."""
@@ -156,6 +156,10 @@ class Track(NamedTuple):
         return float(lengths[k]), float(np.abs(off[k]).max())
 
 
+NEVER = (np.inf, 0.0)
+"""Where a motion is slower, see `Traversal`."""
+
+
 class Traversal:
     """A motion along a track; it can turn round and stop anywhere.
 
@@ -173,13 +177,7 @@ class Traversal:
     """
 
     def __init__(
-        self,
-        track: Track,
-        speed: float,
-        at: float = 0.0,
-        *,
-        ramps: bool = True,
-        slow: tuple[float, float] = (np.inf, 0.0),
+        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] = NEVER
     ) -> None:
         self.track, self.at = track, at
         self.sent: float | None = None
@@ -381,6 +379,10 @@ class Senses:
         """Whether the last joint state was measured no longer ago, s; by default so that the robot is still there."""
         return bool(self._joints) and self.now - self._joints[-1][0] + self._delay[0] <= age
 
+    def hears_joints(self) -> bool:
+        """Whether the last joint state is not older than what counts as silence."""
+        return self.knows_joints(SILENT)
+
     def knows_force(self) -> bool:
         """Whether the last reading of the force is not older than what counts as silence."""
         return bool(self._forces) and self.now - self._forces[-1][0] <= SILENT
@@ -452,6 +454,17 @@ class Commander:
         self.in_contact = self.is_behind = False
         self.near, self._seen, self._seen_at = 0.0, 0.0, -np.inf  # the last progress of a robot that is behind
 
+    def follow(
+        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] = NEVER
+    ) -> Traversal:
+        """Begins a motion; the arguments are those of `Traversal`."""
+        self.motion = Traversal(track, speed, at, ramps=ramps, slow=slow)
+        return self.motion
+
+    def has_left(self, contact: float) -> bool:
+        """Whether the robot, too, is no farther than a contact at a length of the track, m; one at 0 is left."""
+        return contact <= 0 or self.near - _BEHIND <= contact
+
     def advance(self, elapsed: float) -> None:
         """The motion goes on for some time, s, unless it waits for the robot."""
         if self.motion is not None and not self.is_behind:
@@ -521,7 +534,7 @@ class Commander:
         """Stops the motion where it is; where the robot is late, there."""
         motion = self.motion
         assert motion is not None
-        if abs(self.near - motion.at) > 1.5 * BEHIND and self.senses.knows_joints():
+        if abs(self.near - motion.at) > 1.5 * _BEHIND and self.senses.knows_joints():
             motion.at, motion.followed = self.near, None
         if motion.sent != motion.at:
             self.halt(motion.place)
@@ -557,11 +570,11 @@ class Commander:
         if motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < reach / 4):
             self.command(motion.place, motion.points(end, ahead), is_free=is_free)
 
-    def on_way(self, within: float | None = None) -> float:
+    def on_way(self, *, loosely: bool = False) -> float:
         """Length of the track next to which the robot is, m; without a motion, 0, and it is where it stood.
 
         Args:
-            within: how far the joints may be off, rad; None: `OFF_TRACK`, in contact `OFF_APPROACH`.
+            loosely: whether in contact, too, the joints may be off by `_OFF_TRACK`, not by `OFF_APPROACH`.
 
         Raises:
             Fault: it is off its way.
@@ -571,31 +584,31 @@ class Commander:
             near, away = self.motion.track.nearest(self.senses.place, self.motion.at)
         elif self.place is not None:
             away = float(np.nanmax(np.abs(self.senses.place - self.place)))
-        if away > (within or (OFF_APPROACH if self.in_contact else OFF_TRACK)):
+        if away > (OFF_APPROACH if self.in_contact and not loosely else _OFF_TRACK):
             what = f'{away / MILLI:.1f} mrad off its way: it does not follow, or is moved by something else'
             raise Fault(f'the robot is {what}', may_retract=False)
         return near
 
-    def check(self, within: float | None = None) -> None:
+    def check(self, *, loosely: bool = False) -> None:
         """Check that the robot is on its track and not far from where it is to be, see `on_way`.
 
         Raises:
             Fault: it is not, or stands on its way.
         """
-        motion, near, now = self.motion, self.on_way(within), self.senses.now
+        motion, near, now = self.motion, self.on_way(loosely=loosely), self.senses.now
         if motion is None:
             self.near, self.is_behind, self._seen, self._seen_at = near, False, near, now
             return
         behind, sent = abs(motion.at - near), motion.sent
         is_at_end = motion.at in (0.0, motion.track.length)
-        late = _ARRIVED if is_at_end else _LATE * motion.speed * (sent != motion.at) + BEHIND
+        late = _ARRIVED if is_at_end else _LATE * motion.speed * (sent != motion.at) + _BEHIND
         at, seen, when = motion.followed or (motion.at, near, now)
         way = np.sign(motion.at - at)
         if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
             at, seen, when = motion.at, near, now
         motion.followed, is_late = (at, seen, when), now - when > _LATE
-        is_stuck = self.in_contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > BEHIND
-        self.near, self.is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(SILENT)
+        is_stuck = self.in_contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
+        self.near, self.is_behind = near, (behind > late or is_stuck) and self.senses.hears_joints()
         is_ahead = sent is not None and (near - motion.at) * (sent - motion.at) > 0
         if is_ahead and self.is_behind and not is_stuck:
             what = f'{behind / MILLI:.1f} mm ahead on its way: it is faster than commanded'

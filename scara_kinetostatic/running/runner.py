@@ -36,11 +36,8 @@ from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker, length
 from scara_kinetostatic.running.robot import (
-    BEHIND,
     LIFT_SPEED,
     OFF_APPROACH,
-    OFF_TRACK,
-    SILENT,
     Command,
     Commander,
     Fault,
@@ -66,13 +63,13 @@ _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _FAST = 0.02
 """Towards a contact, as far as none can be expected, m/s; a stop from it has to stay below the largest force."""
-_PRESS_SPEED = 2e-3
+_PRESS_SPEED = 2 * MILLI
 """Largest in a contact, m/s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
-_PAST = 4e-3
+_PAST = 4 * MILLI
 """How far the track of an approach leads on behind the end of the search, m."""
-_CLEAR = 5e-4
+_CLEAR = MILLI / 2
 """How far from the surface it is before it retracts fast, m."""
 _WAIT = 0.12
 """Between a motion in contact and the measurement of the force, s: less than what would be a hold."""
@@ -250,11 +247,11 @@ class Runner:
             robot.stand()
         return robot.order
 
-    def _check(self, within: float | None = None) -> None:
+    def _check(self, *, loosely: bool = False) -> None:
         """Check the sensors and the robot.
 
         Args:
-            within: how far the robot may be off its way, see `Commander.on_way`.
+            loosely: see `Commander.on_way`.
 
         Raises:
             Fault: the robot must not go on.
@@ -267,7 +264,7 @@ class Runner:
         if self.robot.in_contact and jump > self._steepest * lasting + self.senses.doubt + 0.1 * most:
             kind = _Slid if force < hypot(*before) else Fault
             raise kind(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
-        self.robot.check(within)
+        self.robot.check(loosely=loosely)
 
     def _pass(self, duration: float, *, is_ordered: bool = False) -> Iterator[None]:
         """Lets time pass, s, while all is well; with the next tick on, where a command is to be sent in this one."""
@@ -423,7 +420,7 @@ class Runner:
         Raises:
             Fault: a contact on the way, or what `_check` says.
         """
-        motion = self.robot.motion = Traversal(track, speed)
+        motion = self.robot.follow(track, speed)
         limit = self._free_limit
         while motion.at < track.length:
             self._check()
@@ -446,11 +443,11 @@ class Runner:
         if np.ptp(lift) and at is not None and away > OFF_APPROACH and abs(at - up) > 2 * HELD_WITHIN:
             raise Fault(f'the lift is at {at:.4f} m, not at {up:g} m, while the arm moves', may_retract=False)
 
-    def _stopped(self, within: float | None = None) -> Iterator[None]:
+    def _stopped(self, *, loosely: bool = False) -> Iterator[None]:
         """Waits until the joints stand where they were commanded to be."""
         began = self._now
         while self._now - began < 0.1 or not self.senses.stands():
-            self._check(within)
+            self._check(loosely=loosely)
             if self.robot.is_behind:
                 began = self._now
             if self._now - began > 2.0:
@@ -520,7 +517,7 @@ class Runner:
         self._surface, self._steepest = 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
         self.senses.jump()
         robot.in_contact = True
-        motion = robot.motion = Traversal(track, fast, ramps=False, slow=(slow, float(speed)))
+        motion = robot.follow(track, fast, ramps=False, slow=(slow, float(speed)))
         for _ in range(4):
             while self.senses.force < threshold:
                 self._check()
@@ -617,7 +614,7 @@ class Runner:
             Fault: the force does not grow.
         """
         speed = float(np.clip(_GENTLE * goal * compliance / DELAY, _LEAST_SPEED / 2, _PRESS_SPEED))
-        motion = self.robot.motion = Traversal(track, speed, at, ramps=False)
+        motion = self.robot.follow(track, speed, at, ramps=False)
         is_eased, sense = at == track.length, -1.0 if at == track.length else 1.0
         if not is_eased:
             self._steepest = _STIFFER * speed / compliance  # of the approach nothing is left
@@ -632,7 +629,7 @@ class Runner:
             if is_eased:
                 continue
             gained = self.senses.mean_force() - force
-            seen = (motion.at - before) / max(gained, 1e-3) / compliance
+            seen = (motion.at - before) / max(gained, MILLI) / compliance
             softer = float(np.clip(seen, max(_GENTLE, softer / 2), softer * 2))
             if motion.at >= track.length:
                 raise Fault(f'the force stays at {force:.1f} N, wanted {goal:.0f} N: the object gives way, or slides')
@@ -662,13 +659,13 @@ class Runner:
         before, robot, slow = self._motion, self.robot, self.cell.touch.contact_speed
         self._steepest = _STIFFER * slow / self._compliance(self.target, robot.here()[:2])
         clear = max(self._surface - _CLEAR, 0.0)
-        motion = robot.motion = Traversal(before.track, self._travel_speed(), before.at, slow=(clear, slow))
+        motion = robot.follow(before.track, self._travel_speed(), before.at, slow=(clear, slow))
         for goal in (clear, 0.0) if robot.streams else (0.0,):
-            while motion.at > goal or robot.near - BEHIND > clear > 0:  # the robot, too, has to leave the contact
-                self._check(OFF_TRACK)
+            while motion.at > goal or not robot.has_left(clear):
+                self._check(loosely=True)
                 robot.move(goal, is_free=robot.streams and goal < clear)
                 yield
-        yield from self._stopped(OFF_TRACK)
+        yield from self._stopped(loosely=True)
         if self.senses.force > 2 * self._free_limit:
             raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
         robot.in_contact, robot.motion = False, None
@@ -762,15 +759,15 @@ class Runner:
         yield
         if robot.motion is None or not may_retract:
             return
-        while self._now - began < 1.0 and not self.senses.knows_joints(SILENT):  # a moment's silence passes
+        while self._now - began < 1.0 and not self.senses.hears_joints():  # a moment's silence passes
             yield
         at = min(robot.motion.at, robot.on_way())
-        motion = robot.motion = Traversal(robot.motion.track, self.cell.touch.contact_speed, at, ramps=False)
+        motion = robot.follow(robot.motion.track, self.cell.touch.contact_speed, at, ramps=False)
         robot.wait_no_more()
         goal = 0.0 if robot.in_contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now
         while motion.at > goal:
-            if not self.senses.knows_joints(SILENT):
+            if not self.senses.hears_joints():
                 raise Fault('no joint states while retracting', may_retract=False)
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)

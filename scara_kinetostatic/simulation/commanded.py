@@ -34,6 +34,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, surfaces_of
+from scara_kinetostatic.model.parameters import MICRO, MILLI
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.motion import Robot
 from scara_kinetostatic.simulation.plan import ROUNDING, check_numbers
@@ -92,7 +93,7 @@ class Body(Protocol):
         """
 
 
-_NEAR = 3e-3
+_NEAR = 3 * MILLI
 """Gap above which there is no contact, m: effects and uncertainties of objects are smaller."""
 _DEEP, _CRASH = 0.01, 1e5
 """Depth beyond which a tip without an equilibrium has crashed into an object, m; force by depth then, N/m."""
@@ -112,7 +113,7 @@ class ModelBody:
         truth: the simulated robot.
     """
 
-    tick = 0.004
+    tick = 4 * MILLI
 
     def __init__(self, cell: Cell, truth: Robot) -> None:
         self.cell, self.model = cell, as_model(truth)
@@ -427,7 +428,7 @@ class Plant:
 
     def step(self, time: float) -> Reading:
         """Goes on to a time, s, and reads the sensors there; not back."""
-        count = int(np.ceil((time - self.time) / self.body.tick - 1e-6))
+        count = int(np.ceil((time - self.time) / self.body.tick - MICRO))
         for part in range(count):
             self._advance((time - self.time) / (count - part))
         reading = self._read()

@@ -44,7 +44,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
 from scara_kinetostatic.model.outline import Outline, surfaces_of
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters
 from scara_kinetostatic.model.tip import Equilibrium, Force, Law, inverse_kinetostatics, joints_under_load
 from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Circle, Plan, Slide, check_numbers
@@ -125,7 +125,7 @@ def load_histories(
 
 HOME = (0.25, -0.15)
 """Of the joints, from the nearest contact, rad."""
-FIRST_FORCE = 1e-6
+FIRST_FORCE = MICRO
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
 _MOST_DEPTH = 0.02
 """How far the object may be from where the plan has it, along the line of the press, m."""
@@ -477,7 +477,7 @@ class SlideTiming:
 
 SlidePhase = IntEnum('SlidePhase', 'TRAVEL PAUSE APPROACH PRESS STICK SLIDE STOP RELEASE RETRACT REST', start=0)
 """Of a slide."""
-CROSSING = 2e-3
+CROSSING = 2 * MILLI
 """Lever arm of the force within which a joint crosses its backlash, m."""
 
 

@@ -59,6 +59,8 @@ CLEARANCE = 0.018
 """Distance of the free pose from the disc, m; see `simulation.motion`."""
 ROUNDING = 1e-9
 """Two lengths, angles or times that differ by less are the same, m, rad or s."""
+PER_DISC = 12
+"""Points around a disc."""
 LARGEST_PRELOAD = 5.0
 """Largest preload, over the force of the hold."""
 
@@ -183,7 +185,7 @@ class Plan:
 
 def default_plan(
     cell: Cell,
-    per_disc: int = 12,
+    per_disc: int = PER_DISC,
     levels: Sequence[float] = (10.0, 25.0, 40.0),
     postures: Sequence[int] = (1, -1),
     preload: float = 0.0,

@@ -21,17 +21,9 @@ from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import NANO, Parameters
+from scara_kinetostatic.model.parameters import MICRO, NANO, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.motion import (
-    CellState,
-    Motion,
-    Robot,
-    SlidingMotion,
-    Timing,
-    Trajectory,
-    load_histories,
-)
+from scara_kinetostatic.simulation.motion import Motion, Robot, SlidingMotion, Timing, Trajectory, load_histories
 from scara_kinetostatic.simulation.plan import Plan, Slide, check_numbers
 from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -63,7 +55,7 @@ class SensorModel:
     joint_noise: float = 0.0
     force_noise: float = 0.05
     bias: tuple[float, float] = (1.2, -0.8)
-    resolution: float = 1e-6
+    resolution: float = MICRO
     joint_rate: float = 80.0
     wrench_rate: float = 98.0
     jitter: float = 0.1
@@ -216,16 +208,20 @@ def recorded(
     joint_stamps = sensors.stamps(motion.duration, sensors.joint_rate, 0.0, random)
     wrench_stamps = sensors.stamps(motion.duration, sensors.wrench_rate, sensors.offset, random)
 
-    def sensed(stamps: NDArray[np.int64]) -> tuple[CellState, Floats, Floats]:
-        """The state, and the errors of joint angles and force."""
-        time = NANO * stamps.astype(np.float64)
-        state = motion.state_at(time)
-        unit, angle = motion.errors_at(time, state, seed), sensor_angle(cell, model.parameters, state.joints)
-        return state, *sensors.touch_errors(cell, unit, state.force, angle, state.relative_force)
-
-    state, error, _ = sensed(joint_stamps)
-    position = sensors.stepped(state.joints + error + sensors.joint_noise * random.standard_normal(error.shape))
-    state, _, error = sensed(wrench_stamps)
+    times = [NANO * stamps.astype(np.float64) for stamps in (joint_stamps, wrench_stamps)]
+    states = [motion.state_at(time) for time in times]
+    (error, _), (_, force_error) = (
+        sensors.touch_errors(
+            cell,
+            motion.errors_at(time, state, seed),
+            state.force,
+            sensor_angle(cell, model.parameters, state.joints),
+            state.relative_force,
+        )
+        for time, state in zip(times, states, strict=True)
+    )
+    position = sensors.stepped(states[0].joints + error + sensors.joint_noise * random.standard_normal(error.shape))
+    state, error = states[1], force_error
     touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
     force = reported_force(cell, model, state.joints, state.force, error, state.relative_force, touch)
     force = sensors.forces(cell.sensor.sign, force, random.standard_normal(force.shape))

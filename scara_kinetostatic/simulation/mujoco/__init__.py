@@ -24,10 +24,10 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import inverse, rotate, wrap
-from scara_kinetostatic.model.parameters import Parameters, quantity
+from scara_kinetostatic.model.parameters import MILLI, Parameters, quantity
 from scara_kinetostatic.simulation.motion import HOME, CellState, Motion, Phase, Timing, minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, SCENES, TICK, Engine, Scene, load_engine, scene_named
-from scara_kinetostatic.simulation.plan import ROUNDING, Plan, default_plan
+from scara_kinetostatic.simulation.plan import PER_DISC, ROUNDING, Plan, default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, recorded
 from scara_kinetostatic.touches.streams import Streams
 
@@ -63,12 +63,12 @@ class ControlLaw:
     slow_distance: float = 7e-3
     slow_speed: float = 0.01
     firm_force: float = 2.0
-    creep_speed: float = 4e-3
+    creep_speed: float = 4 * MILLI
     slowest_press: float = 2e-4
     compliance_limits: tuple[float, float] = (5e-6, 3e-4)
     contact_force: float = 0.5
     rest: float = 0.04
-    filter: float = 0.004
+    filter: float = 4 * MILLI
     tolerance: float = 0.005
     longest_press: float = 5.0
     lift_time: float = 0.1
@@ -275,7 +275,7 @@ def _ramp(start: Any, goal: Any, duration: float) -> Iterator[tuple[float, Any]]
         yield float(part), start + part * (goal - start)
 
 
-def preload_plan(cell: Cell, per_disc: int = 12) -> Plan:
+def preload_plan(cell: Cell, per_disc: int = PER_DISC) -> Plan:
     """The simulator's default plan, every other touch pressed to twice its force first."""
     return default_plan(cell, per_disc=per_disc, preload=1.0)
 

@@ -20,7 +20,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline, surfaces_of
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.parameters import MILLI, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.simulation.plan import check_numbers
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def scene_named(name: str) -> Scene:
     return SCENES[name]
 
 
-TIMESTEP = 5e-4
+TIMESTEP = MILLI / 2
 """Of the integration, s."""
 LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
