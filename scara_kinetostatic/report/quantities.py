@@ -9,7 +9,7 @@ from typing import NamedTuple
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 from scara_kinetostatic.model.parameters import percentage as percentage
 
-MILLI, MICRO = 1e3, 1e6
+MILLI, MICRO, PERCENT = 1e3, 1e6, 100.0
 """Of the unit with the prefix, so many are one."""
 NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
