@@ -28,8 +28,7 @@ from scara_kinetostatic.files.tables import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.parameters import MILLI
-from scara_kinetostatic.report.quantities import percentage
+from scara_kinetostatic.model.parameters import MILLI, percentage
 
 TINY = 1e-30
 """Keeps a quotient finite where both of it are zero."""

@@ -50,8 +50,7 @@ from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
-from scara_kinetostatic.model.parameters import MICRO, MILLI
-from scara_kinetostatic.report.quantities import percentage
+from scara_kinetostatic.model.parameters import MICRO, MILLI, percentage
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.streams import SMOOTHING, Signals, Streams, as_signals, moving_mean, white_noise
 
