@@ -70,7 +70,7 @@ def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: F
 def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Floats) -> Floats:
     """Variances of the parameters by the noise that residuals do not show, (k,)."""
     by_noise, std, time = contour.by_noise[points], contour.std_noise[points], contour.time[points]
-    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), TINY), 0.0), 1.0)
+    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), TINY**2), 0.0), 1.0)
     size = np.maximum(np.linalg.norm(by_noise, axis=1), TINY)
     loading = by_noise * (std / size)[:, None]
     group = np.arange(len(time)) * min(100, len(time)) // len(time)  # groups of neighbouring points
@@ -206,7 +206,7 @@ def _round(place: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:
         design = np.column_stack([(x - values[0]) / away, (y - values[1]) / away, np.ones_like(x)])
         step = np.linalg.lstsq(design, away - values[2], rcond=None)[0]
         values = values + step
-        if not np.abs(step).max() > 1e-12:  # m
+        if not np.abs(step).max() > TINY:
             break
     if rank < 3 or not np.isfinite(values).all() or values[2] > _LARGEST_RADIUS:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
