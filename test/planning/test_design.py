@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.population import SIZES, errors_of
+from benchmark.population import errors_of, sizes_of
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
@@ -112,13 +112,12 @@ def stated():
 
 def test_the_statement_is_that_of_robots_with_every_small_error(stated):
     """By the mixed model of the calibration, of robots with errors of typical sizes."""
-    known = [effect for effect in catalogue(CELL) if effect.label in SIZES or effect.name in SIZES]
-    found = []
+    known, found = catalogue(CELL), []
+    sizes = sizes_of(known)
     for seed in range(3):
         random = np.random.default_rng(seed)
-        sizes = [np.array(SIZES.get(effect.label, SIZES.get(effect.name))) for effect in known]
-        values = [errors_of(effect, size, random) for effect, size in zip(known, sizes, strict=True)]
-        robot = ExtendedModel(PAPER_ACTUAL, tuple(known), tuple(values))
+        values = [errors_of(effect, np.array(sizes[effect.label]), random) for effect in known]
+        robot = ExtendedModel(PAPER_ACTUAL, known, tuple(values))
         made = simulate_touches(CELL, robot, stated.plan, seed=seed)
         found.append(tip_uncertainty(fit_mixed(calibrate(made, CELL), catalogue(CELL)).fit).worst)
     assert 0.8 < np.median(found) / stated.statement.expanded < 1.25
