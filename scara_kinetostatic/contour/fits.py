@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.result import TINY, TOGETHER, Contour, Polyline
+from scara_kinetostatic.contour.result import TINY, TOGETHER, Contour, Polyline, lengths
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
@@ -245,7 +245,7 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
     pieces = divided(made)
     label = np.full(len(made.points), -1)
     for number, (nodes, _) in enumerate(pieces):
-        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(made.points[nodes], axis=0).T)))
+        along = lengths(made.points[nodes])
         margin = min(1.5 * MILLI, 0.2 * float(along[-1])) if len(pieces) > 1 else 0.0  # left out at both ends
         label[nodes[(along >= margin) & (along <= along[-1] - margin)]] = number
     owner = label[_nearest_nodes(contour, points, made)]

@@ -129,7 +129,7 @@ Parts = tuple[_Part, ...]
 def join_passes(passes: Sequence[Stretch]) -> tuple[Polyline, ...]:
     """The outlines that passes make, the longest first."""
     parts: Parts = ()
-    for number in sorted(range(len(passes)), key=lambda k: -_lengths(passes[k].points)[-1]):
+    for number in sorted(range(len(passes)), key=lambda k: -lengths(passes[k].points)[-1]):
         parts, _ = add_pass(parts, passes[number], number)
     return tuple(sorted(outlines_of(parts), key=lambda outline: -outline.length))
 
@@ -154,7 +154,7 @@ def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, in
     turn = x * ny - y * nx
     way = 1 if np.sum(np.sign(turn)) <= 0 else -1  # with the object on the left
     points, normals, std, noise = (column[::way] for column in stretch[:4])
-    return _with_part(parts, _closed(Stretch(points, normals, std, noise, _lengths(points)), (number,)))
+    return _with_part(parts, _closed(Stretch(points, normals, std, noise, lengths(points)), (number,)))
 
 
 def _with_part(parts: Parts, part: _Part) -> tuple[Parts, int]:
@@ -272,7 +272,7 @@ def _thinned(course: Stretch, period: float) -> Stretch:
     return Stretch(points, normals, mean(course.std), mean(course.noise), mean(course.along))
 
 
-def _lengths(points: Floats) -> Floats:
+def lengths(points: Floats) -> Floats:
     """Distance along a polyline, (n,), m."""
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
 
