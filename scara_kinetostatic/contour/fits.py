@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.result import TINY, TOGETHER, Contour, Polyline
+from scara_kinetostatic.contour.result import TINY, TOGETHER, Contour, Polyline, lengths
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
@@ -70,7 +70,7 @@ def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: F
 def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Floats) -> Floats:
     """Variances of the parameters by the noise that residuals do not show, (k,)."""
     by_noise, std, time = contour.by_noise[points], contour.std_noise[points], contour.time[points]
-    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), TINY), 0.0), 1.0)
+    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), TINY**2), 0.0), 1.0)
     size = np.maximum(np.linalg.norm(by_noise, axis=1), TINY)
     loading = by_noise * (std / size)[:, None]
     group = np.arange(len(time)) * min(100, len(time)) // len(time)  # groups of neighbouring points
@@ -206,7 +206,7 @@ def _round(place: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:
         design = np.column_stack([(x - values[0]) / away, (y - values[1]) / away, np.ones_like(x)])
         step = np.linalg.lstsq(design, away - values[2], rcond=None)[0]
         values = values + step
-        if not np.abs(step).max() > 1e-12:  # m
+        if not np.abs(step).max() > TINY:
             break
     if rank < 3 or not np.isfinite(values).all() or values[2] > _LARGEST_RADIUS:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
@@ -245,7 +245,7 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
     pieces = divided(made)
     label = np.full(len(made.points), -1)
     for number, (nodes, _) in enumerate(pieces):
-        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(made.points[nodes], axis=0).T)))
+        along = lengths(made.points[nodes])
         margin = min(1.5 * MILLI, 0.2 * float(along[-1])) if len(pieces) > 1 else 0.0  # left out at both ends
         label[nodes[(along >= margin) & (along <= along[-1] - margin)]] = number
     owner = label[_nearest_nodes(contour, points, made)]

@@ -35,7 +35,7 @@ _LONGEST = 20 * SECOND
 """Samples in contact are kept at most so long, ns, where the tip creeps or rests."""
 _MOST_SAMPLES, _SHOWN = 300_000, 30 * SECOND
 """Samples of a topic that are kept; for how long an event is shown, ns."""
-_LONGEST_PATH, _KEPT_PATH = 20 * MILLI, 8 * MILLI
+_LONGEST_PATH, _KEPT_PATH = 20 * MILLI, 2 * trace.WINDOWS[0]
 """Length of the path, m, from which on it is joined for good, and of its end that is traced again."""
 
 

@@ -112,7 +112,7 @@ def outline_picture(contour: Contour) -> Markup:
     low, high = points.min(axis=0), points.max(axis=0)
     span = float((high - low).max())
     size = np.maximum(high - low, 0.2 * span) + 0.24 * span
-    height = _WIDTH * float(np.clip(size[1] / size[0], 0.3, 0.75))
+    height = _WIDTH * min(float(size[1] / size[0]), 0.75)
     figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
     for outline in contour.outlines:
         x, y = IN_MILLI * outline.ring.T

@@ -28,11 +28,10 @@ from scara_kinetostatic.files.tables import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.parameters import MILLI
-from scara_kinetostatic.report.quantities import percentage
+from scara_kinetostatic.model.parameters import MILLI, percentage
 
-TINY = 1e-30
-"""Keeps a quotient finite where both of it are zero."""
+TINY = 1e-12
+"""Less than any length, time or curvature that counts: keeps a quotient finite."""
 TOGETHER = 512
 """Points that are worked out together: what they need fits into the cache."""
 SPACING = 0.5 * MILLI
@@ -43,7 +42,7 @@ _LONGEST_GAP = 3 * MILLI
 """An outline whose ends are no farther apart, m, is closed."""
 _FEWEST_SAME = 3
 """So many points of two passes must be the same for them to be joined."""
-_SAME_PLACE, _SAME_STD = 0.3 * MILLI, 6.0
+NEAR, _SAME_STD = 0.3 * MILLI, 6.0
 """Points of two passes are the same where they are nearer to each other, m, or within so many standard deviations."""
 EXPECTED = 0.05
 """Part of the points that may be beyond the forces of the calibration: the scatter of a force that is held."""
@@ -130,7 +129,7 @@ Parts = tuple[_Part, ...]
 def join_passes(passes: Sequence[Stretch]) -> tuple[Polyline, ...]:
     """The outlines that passes make, the longest first."""
     parts: Parts = ()
-    for number in sorted(range(len(passes)), key=lambda k: -_lengths(passes[k].points)[-1]):
+    for number in sorted(range(len(passes)), key=lambda k: -lengths(passes[k].points)[-1]):
         parts, _ = add_pass(parts, passes[number], number)
     return tuple(sorted(outlines_of(parts), key=lambda outline: -outline.length))
 
@@ -155,7 +154,7 @@ def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, in
     turn = x * ny - y * nx
     way = 1 if np.sum(np.sign(turn)) <= 0 else -1  # with the object on the left
     points, normals, std, noise = (column[::way] for column in stretch[:4])
-    return _with_part(parts, _closed(Stretch(points, normals, std, noise, _lengths(points)), (number,)))
+    return _with_part(parts, _closed(Stretch(points, normals, std, noise, lengths(points)), (number,)))
 
 
 def _with_part(parts: Parts, part: _Part) -> tuple[Parts, int]:
@@ -206,7 +205,7 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
     points = np.concatenate([part.points, part.points[:1]]) if period else part.points
     along = np.append(part.along, part.along[0] + period) if period else part.along
     begin, step, found = points[:-1], np.diff(points, axis=0), np.full(len(course.points), np.nan)
-    square = np.maximum((step**2).sum(axis=1), TINY)
+    square = np.maximum((step**2).sum(axis=1), TINY**2)
     for first in range(0, len(found) if len(begin) else 0, TOGETHER):
         rows = slice(first, first + TOGETHER)
         apart = course.points[rows, None] - begin
@@ -218,7 +217,7 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
         distance[~agree[:, : len(begin)]] = np.inf
         best = distance.argmin(axis=1)
         row = np.arange(len(best))
-        limit = np.maximum(_SAME_PLACE, _SAME_STD * np.hypot(course.weighing[rows], part.weighing[best]))
+        limit = np.maximum(NEAR, _SAME_STD * np.hypot(course.weighing[rows], part.weighing[best]))
         place = along[best] + inside[row, best] * (along[best + 1] - along[best])
         found[rows] = np.where(np.sqrt(distance[row, best]) < limit, place, np.nan)
     return found
@@ -273,7 +272,7 @@ def _thinned(course: Stretch, period: float) -> Stretch:
     return Stretch(points, normals, mean(course.std), mean(course.noise), mean(course.along))
 
 
-def _lengths(points: Floats) -> Floats:
+def lengths(points: Floats) -> Floats:
     """Distance along a polyline, (n,), m."""
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
 

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from scara_kinetostatic.contour.result import (
+    NEAR,
     NO_RADIUS,
     TINY,
     TOGETHER,
@@ -50,8 +51,7 @@ from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
-from scara_kinetostatic.model.parameters import MICRO, MILLI
-from scara_kinetostatic.report.quantities import percentage
+from scara_kinetostatic.model.parameters import MICRO, MILLI, percentage
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.streams import SMOOTHING, Signals, Streams, as_signals, moving_mean, white_noise
 
@@ -180,7 +180,7 @@ def zero_if_free(signals: Signals, zero: Floats, places: Floats) -> Floats | Non
     found: Floats = np.median(mean[first:], axis=0)
     way = np.diff(_at(time[first:], signals.joints.time, places), axis=0)
     length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), TINY)
-    counts = (length > 0.3 * MILLI) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
+    counts = (length > NEAR) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
     return found if float(along[counts].sum()) > 5 * MILLI else None
 
 
@@ -208,6 +208,10 @@ _RUBBER = 1.0
 """Coefficient of friction; more is seldom, or a force that is turned."""
 _LARGEST_ROTATION = 0.15
 """Of a force sensor that is in the frame that is stated, rad."""
+_PERIODS = 5
+"""Samples that are farther apart than so many periods of the joint states have a pause between them; those that are as
+much closer count as so far apart.
+"""
 _CONTRADICTING = 0.25
 """Part of the points whose force contradicts the motion, from which on it is no slide of a tip on a surface."""
 
@@ -236,9 +240,9 @@ class Travel(NamedTuple):
 
 
 def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
-    """Speed of the tip's centre, (n,), m/s: distance over 60 ms within one contact."""
+    """Speed of the tip's centre, (n,), m/s: distance over twice `SMOOTHING` within one contact."""
     period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    half = max(1, round(0.03 / period))
+    half = max(1, round(SMOOTHING / period))
     first, last = np.searchsorted(contact, contact, 'left'), np.searchsorted(contact, contact, 'right') - 1
     index = np.arange(len(time))
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
@@ -335,7 +339,7 @@ def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
         v = clock[window] - clock[rows, None]
         v /= np.maximum(v[:, -1:] - v[:, :1], TINY)
         powers, offset = np.stack([np.ones_like(v), v, v * v], axis=1), places[window] - places[rows][:, None]
-        inverse = np.linalg.inv(powers @ powers.swapaxes(1, 2) + 1e-12 * np.eye(3))
+        inverse = np.linalg.inv(powers @ powers.swapaxes(1, 2) + TINY * np.eye(3))
         value = inverse @ (powers @ offset)
         slope = value[:, 1]
         speed = np.maximum(np.hypot(*slope.T), TINY)
@@ -585,9 +589,9 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
         UnsupportedDataError: the tip jumps while joint states come without a pause, or does not slide at all.
     """
     elapsed, step = np.diff(samples.time), np.hypot(*np.diff(center, axis=0).T)
-    same, pause = np.diff(samples.contact) == 0, elapsed > max(0.1, 5 * period)
+    same, pause = np.diff(samples.contact) == 0, elapsed > max(0.1, _PERIODS * period)
     usual = float(np.median(step[same])) if same.any() else 0.0
-    jumps = same & ~pause & (step * period / np.maximum(elapsed, 0.2 * period) > max(MILLI, 8 * usual))
+    jumps = same & ~pause & (step * period / np.maximum(elapsed, period / _PERIODS) > max(MILLI, 8 * usual))
     if jumps.any():
         first = int(jumps.argmax())
         raise JumpError(source, float(step[first]), float(samples.time[first + 1]))

@@ -73,7 +73,7 @@ class Variable(NamedTuple):
         return PlotAxis(self.title(joint), self.unit, self.values(at, joint))
 
 
-def slide(at: TouchState) -> Floats:
+def slide(at: TouchState, _: int = 0) -> Floats:
     """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
     It is the part along t of the movement J ΔQ, divided by the whole movement and by `STICKING`, limited to ±1. Both
@@ -96,7 +96,7 @@ def slide(at: TouchState) -> Floats:
     return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
 
 
-def angle_from_link2(at: TouchState) -> Floats:
+def angle_from_link2(at: TouchState, _: int = 0) -> Floats:
     """χ, from link 2 to the force, (n,), rad."""
     across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
     return np.arctan2(across, (at.normal * at.link2).sum(axis=1))
@@ -116,9 +116,7 @@ VARIABLES = {
     'direction': Variable(
         'direction of the force', 'rad', lambda at, _: np.arctan2(at.normal[:, 1], at.normal[:, 0]), _DIRECTION
     ),
-    'direction_from_link2': Variable(
-        'direction of the force from link 2', 'rad', lambda at, _: angle_from_link2(at), _DIRECTION
-    ),
+    'direction_from_link2': Variable('direction of the force from link 2', 'rad', angle_from_link2, _DIRECTION),
     'place': Variable('place on the disc', 'rad', lambda at, _: np.arctan2(-at.normal[:, 1], -at.normal[:, 0])),
     'disc': Variable('number of the object', '', lambda at, _: 1 + at.metadata.disc.astype(float)),
     'along_edge': Variable('place along the edge', 'm', lambda at, _: at.along_edge, _NONE),
@@ -131,7 +129,7 @@ VARIABLES = {
     'approach': Variable(
         'direction of approach of joint {joint}', '', lambda at, joint: np.sign(at.metadata.approach[:, joint])
     ),
-    'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
+    'slide': Variable('direction of the slide along the disc', '', slide),
 }
 """What `Effect.plot_variable` may be, by name: what a residual can be plotted over."""
 

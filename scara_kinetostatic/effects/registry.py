@@ -240,7 +240,7 @@ def _some_touches(cell: Cell, factor: float = 1.0, turn: float = 0.0) -> TouchSt
 
     The forces are `factor` times as large and turned by `turn`, rad.
     """
-    n, random, p = 4 * len(cell.discs), np.random.default_rng(0), cell.nominal
+    n, random, p = 4 * max(len(cell.discs), 1), np.random.default_rng(0), cell.nominal
     number, posture = np.arange(n), np.resize((1, -1), n)
     joints = random.uniform(0.5, 2.0, (n, 2)) * np.stack([np.ones(n), posture], axis=-1)
     angle = random.uniform(0.0, 2 * np.pi, n) + turn

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -50,6 +50,7 @@ COMPLIANCE = 1e-5
 """Largest plausible error of a compliance, m/N."""
 SHARE = 0.05
 """Largest plausible part of the force that the sensor reads across it, or too much."""
+_alias = partial(Parameter, typical=0.0, is_alias=True)
 _MOMENT = 10.0
 """Largest plausible moment by gravity of a joint without compliance, Nm."""
 
@@ -66,14 +67,7 @@ class AnisotropicGripper(LinearEffect):
     name = 'anisotropic_gripper'
     parameters = (
         Parameter('coupling', 'm/N', COMPLIANCE, 'p12: yield across link 2 per force along it', typical=MICRO),
-        Parameter(
-            'excess',
-            'm/N',
-            COMPLIANCE,
-            'yield along link 2 beyond the mean, a part of p_ee and p2',
-            typical=0.0,
-            is_alias=True,
-        ),
+        _alias('excess', 'm/N', COMPLIANCE, 'yield along link 2 beyond the mean, a part of p_ee and p2'),
     )
     typical_size = 2e-7  # 8 µm at 40 N
     statement = 'the gripper also yields across the force'
@@ -188,14 +182,7 @@ class BaseCompliance(LinearEffect):
     parameters = (
         Parameter('excess', 'm/N', COMPLIANCE, 'yield along x beyond the mean; as much less along y', typical=MICRO),
         Parameter('coupling', 'm/N', COMPLIANCE, 'yield along y per force along x', typical=-2 * MICRO),
-        Parameter(
-            'common',
-            'm/N',
-            COMPLIANCE,
-            'mean over all directions: no touch tells it from p_ee',
-            typical=0.0,
-            is_alias=True,
-        ),
+        _alias('common', 'm/N', COMPLIANCE, 'mean over all directions: no touch tells it from p_ee'),
     )
     typical_size = 1e-7  # 4 µm at 40 N: a steel frame
     statement = 'the base yields under the force'
@@ -254,18 +241,12 @@ class BaseTilt(LinearEffect):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """The moments, as large as the arm lets expect."""
-        links, axes = zip((1, 2), self.sizes, (1.0, 0.4), strict=True), (('x', 2.0), ('y', -1.0))
-        return tuple(
-            Parameter(
-                f'm{link}_{axis}',
-                'Nm',
-                size,
-                f'static moment along link {link} times gravity along {axis}',
-                typical=part * typical,
-            )
-            for link, size, part in links
-            for axis, typical in axes
-        )
+        found = list[Parameter]()
+        for link, size, part in zip((1, 2), self.sizes, (1.0, 0.4), strict=True):
+            for axis, typical in (('x', 2.0), ('y', -1.0)):
+                meaning = f'static moment along link {link} times gravity along {axis}'
+                found.append(Parameter(f'm{link}_{axis}', 'Nm', size, meaning, typical=part * typical))
+        return tuple(found)
 
     def correction(self, values: Mapping[str, float]) -> str:
         return 'level the base; where the arm stands upright, state `gravity` in the cell description'

@@ -11,7 +11,7 @@ effect of mean zero and of a size of its own, its standard deviation (`diagnosis
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, groupby, repeat
@@ -113,27 +113,26 @@ class Unnamed(LinearEffect):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """One coefficient per function."""
-        if self.waves:
-            names = ['slope'] * self.has_slope + [f'{wave}{k}' for k in self._orders for wave in ('cos', 'sin')]
+        if self._waves:
+            names = ['slope'] * self._has_slope + [f'{wave}{k}' for k in self._waves for wave in ('cos', 'sin')]
         else:
             names = [f'power{k}' for k in range(1, (self.powers or 4) + 1)]
         unit = 'rad' if self.channel in _OF_JOINTS else 'm'
         return tuple(Parameter(name, unit, LENGTH, 'coefficient') for name in names)
 
     @property
-    def waves(self) -> bool:
-        """Whether it is a sum of waves; else it is one of powers."""
-        return CURVE_VARIABLES[self.variable][0].unit == 'rad' and not self.powers
-
-    @property
-    def has_slope(self) -> bool:
-        """Whether it is one over an angle that is not periodic."""
-        return self.variable in ('q1', 'q2')
-
-    @property
-    def _orders(self) -> Sequence[int]:
-        # around a disc, the first would be a displaced centre
+    def _waves(self) -> tuple[int, ...]:
+        """Orders of the waves of which it is a sum, around a disc without the first, a displaced centre; none where it
+        is one of powers.
+        """
+        if CURVE_VARIABLES[self.variable][0].unit != 'rad' or self.powers:
+            return ()
         return (2, 3, 4) if self.disc >= 0 else (1, 2, 3)
+
+    @property
+    def _has_slope(self) -> bool:
+        """Whether it is a sum of waves over an angle that is not periodic."""
+        return self.variable in ('q1', 'q2')
 
     def functions(self, at: TouchState) -> list[Floats]:
         """The functions of the variable, (n,) each."""
@@ -141,11 +140,11 @@ class Unnamed(LinearEffect):
         value = variable.values(at, joint)
         # constant beyond the touches, in half ranges from the middle
         z = np.clip((value - self.middle) / self.half, -_RANGE, _RANGE)
-        if not self.waves:
+        if not self._waves:
             return list(accumulate(repeat(z, self.powers or 4), np.multiply))
-        angles = np.multiply.outer(self._orders, value)
+        angles = np.multiply.outer(self._waves, value)
         waves = [wave for pair in zip(np.cos(angles), np.sin(angles), strict=True) for wave in pair]
-        return [z, *waves] if self.has_slope else waves
+        return [z, *waves] if self._has_slope else waves
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray((at.metadata.disc == self.disc) | (self.disc < 0))
@@ -218,16 +217,6 @@ class Column(NamedTuple):
         """As text, such as ``transmission_error[joint1]|0.0,0.0,3.0|0``."""
         return f'{self.effect.label}|{",".join(map(repr, self.values))}|{self.parameter}'
 
-    @classmethod
-    def parse(cls, text: str, effects: Mapping[str, Effect]) -> Column:
-        """The column of a text, of one of the effects by label.
-
-        Raises:
-            ValueError, KeyError: it is damaged, or of no such effect.
-        """
-        label, values, parameter = text.split('|')
-        return cls(effects[label], tuple(map(float, values.split(','))), int(parameter))
-
 
 def columns_of(effect: Effect, at: TouchState) -> list[Column]:
     """The columns as which an effect may be there in some touches: those of its amplitudes, without what L̄ contains."""
@@ -275,7 +264,8 @@ class Undetected(LinearEffect):
     @cached_property
     def _parsed(self) -> tuple[Column, ...]:
         effects = {} if self.cell is None else {effect.label: effect for effect in catalogue(self.cell)}
-        return tuple(Column.parse(text, effects) for text in self.columns)
+        parts = (text.split('|') for text in self.columns)
+        return tuple(Column(effects[label], tuple(map(float, v.split(','))), int(k)) for label, v, k in parts)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]

@@ -44,6 +44,14 @@ def test_all_kinds_of_effects_are_listed_in_their_order():
         assert {f'{kind}[{disc.name}]' for disc in CELL.discs} <= set(LABELS)
 
 
+def test_what_is_named_in_the_order_is_there_and_every_kind_is_listed_by_itself():
+    names = {kind.name for kind in registry.BUILT_IN}
+    assert set(registry.ORDER.split()) <= names and names - {'object_rotation', 'object_offset', 'edge_bow'} <= {
+        *NAMES,
+        'plate_position',
+    }
+
+
 def test_a_cell_of_one_disc_has_no_soft_or_rough_one_among_others():
     labels = [effect.label for effect in catalogue(replace(CELL, discs=CELL.discs[:1]))]
     assert 'contact_compliance' in labels

@@ -112,14 +112,12 @@ def stated():
 
 def test_the_statement_is_that_of_robots_with_every_small_error(stated):
     """By the mixed model of the calibration, of robots with errors of typical sizes."""
-    typical = sizes_of(catalogue(CELL))
-    known = [effect for effect in catalogue(CELL) if typical.get(effect.label)]
-    found = []
+    known, found = catalogue(CELL), []
+    sizes = sizes_of(known)
     for seed in range(3):
         random = np.random.default_rng(seed)
-        sizes = [np.array(typical[effect.label]) for effect in known]
-        values = [errors_of(effect, size, random) for effect, size in zip(known, sizes, strict=True)]
-        robot = ExtendedModel(PAPER_ACTUAL, tuple(known), tuple(values))
+        values = [errors_of(effect, np.array(sizes[effect.label]), random) for effect in known]
+        robot = ExtendedModel(PAPER_ACTUAL, known, tuple(values))
         made = simulate_touches(CELL, robot, stated.plan, seed=seed)
         found.append(tip_uncertainty(fit_mixed(calibrate(made, CELL), catalogue(CELL)).fit).worst)
     assert 0.8 < np.median(found) / stated.statement.expanded < 1.25
