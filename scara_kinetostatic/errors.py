@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,6 +29,11 @@ _APT = dict.fromkeys((*PYPI, 'mujoco', 'distributed'), '')
 def one_line(text: str) -> str:
     """The text on one line, with a mark for everything that would disturb a terminal; damaged files hold anything."""
     return ''.join(letter if letter.isprintable() else '\ufffd' for letter in ' '.join(text.split()))
+
+
+def some_of(names: Sequence[str], most: int = 8) -> str:
+    """The first of some names, and how many there are besides."""
+    return ', '.join(names[:most]) + f' and {len(names) - most} more' * (len(names) > most)
 
 
 def did_you_mean(name: object, names: Iterable[str], otherwise: str = 'the names are') -> str:

@@ -147,7 +147,12 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress =
     parts: list[Detection] = []
     for number, path in enumerate(paths):
         progress(f'reading {path}', number / len(paths))
-        part = touches_of_file(path, cell)
+        if is_touch_table(path):
+            part = touches_of_table(load_touch_table(path), cell)
+        else:
+            streams = read_streams(path, cell)
+            part = find_touches(streams, cell)
+            part = replace(part, warnings=(*streams.warnings, *part.warnings), turned=(streams.turned,))
         source = f'{path}: ' if len(paths) > 1 else ''
         warnings = (text if text.startswith(str(path)) else source + text for text in part.warnings)
         parts.append(replace(part, warnings=tuple(warnings)))
@@ -168,20 +173,6 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress =
         turned=tuple(text for part in parts for text in part.turned or ('',)),
         sequence_known=sequence is not None,
     )
-
-
-def touches_of_file(path: str | Path, cell: Cell) -> Detection:
-    """The touches of one recording or table, with all warnings about it.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
-    if is_touch_table(path):
-        return touches_of_table(load_touch_table(path), cell)
-    streams = read_streams(path, cell)
-    detection = find_touches(streams, cell)
-    warnings = (*streams.warnings, *detection.warnings)
-    return replace(detection, warnings=warnings, turned=(streams.turned,))
 
 
 def calibrate_touches(

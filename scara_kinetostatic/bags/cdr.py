@@ -28,7 +28,7 @@ from rosbags.typesys.store import Typestore
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.report.quantities import count
-from scara_kinetostatic.touches.clock import JointParts, Samples
+from scara_kinetostatic.touches.clock import SECOND, JointParts, Samples
 from scara_kinetostatic.touches.streams import FixedTransform
 
 _MOST_NAMES = 1000
@@ -36,8 +36,12 @@ _MOST_NAMES = 1000
 _TOGETHER = 1 << 16
 """Joint states that are brought to common times at once: more take longer, by the memory."""
 _INCOMPLETE = 'incomplete'
-_STRINGS = 12
-"""Where the first string of a message with a header begins: `frame_id`."""
+_STAMP = np.dtype({'names': ['s', 'ns'], 'formats': ['<i4', '<u4'], 'offsets': [4, 8]})
+"""Stamp of a message with a header."""
+_STRINGS = _STAMP.itemsize
+"""Where the first string of such a message begins: `frame_id`."""
+_NUMBER = np.dtype('<f8')
+_SIZE = _NUMBER.itemsize
 
 
 class Fields(NamedTuple):
@@ -65,7 +69,7 @@ def wrench_fields(message: bytes) -> Fields:
         ValueError: it is incomplete.
     """
     frame_id, end = _text(message, _STRINGS)
-    return _checked(Fields(frame_id, (), 6, aligned(end, 8), end), message)
+    return _checked(Fields(frame_id, (), 6, aligned(end, _SIZE), end), message)
 
 
 def joint_fields(message: bytes) -> Fields:
@@ -85,7 +89,7 @@ def joint_fields(message: bytes) -> Fields:
         name, at = _text(message, at)
         names.append(name)
     positions, end = _count(message, at)
-    begin = aligned(end, 8) if positions else end
+    begin = aligned(end, _SIZE) if positions else end
     return _checked(Fields(frame_id, tuple(names), positions, begin, end), message)
 
 
@@ -96,7 +100,7 @@ def unlike_lengths(fields: Fields) -> str:
 
 
 def _checked(fields: Fields, message: bytes) -> Fields:
-    if fields.begin + 8 * fields.numbers > len(message):
+    if fields.begin + _SIZE * fields.numbers > len(message):
         raise ValueError(_INCOMPLETE)
     return fields
 
@@ -152,10 +156,11 @@ class Decoder:
         values = np.full((count, len(self._wanted) or 3), np.nan)
         good = np.zeros(count, dtype=bool)
         for fields, rows, where in self._same_layout(batch):
-            stamp[where] = _column(rows, 4, '<i4').astype(np.int64) * 1_000_000_000 + _column(rows, 8, '<u4')
+            time = _column(rows, 0, _STAMP)
+            stamp[where] = time['s'].astype(np.int64) * SECOND + time['ns']
             used = [(k, fields.names.index(name)) for k, name in enumerate(self._wanted) if name in fields.names]
             for column, number in used if self._joint_names else [(0, 0), (1, 1), (2, 2)]:
-                found = _column(rows, fields.begin + 8 * number, '<f8')
+                found = _column(rows, fields.begin + _SIZE * number, _NUMBER)
                 is_angle = self._joint_names and column < 2  # where NaN is one that the message does not have
                 values[where, column] = np.where(np.isnan(found), np.inf, found) if is_angle else found
             if fields.frame_id not in self.frame_ids:
@@ -241,8 +246,8 @@ class Decoder:
         return fields, unlike_lengths(fields) if fields.numbers else 'without positions'
 
 
-def _column(rows: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
-    return np.ascontiguousarray(rows[:, at : at + int(kind[-1])]).view(kind)[:, 0]
+def _column(rows: NDArray[np.uint8], at: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(rows[:, at : at + kind.itemsize]).view(kind)[:, 0]
 
 
 def decode_string(payload: bytes) -> str:
@@ -326,8 +331,10 @@ def _filled(template: bytes, begin: int, stamp: NDArray[np.int64], values: Float
     """Messages as the template, with their stamps and first numbers, (n, k)."""
     size = len(template)
     rows = np.tile(np.frombuffer(template, np.uint8), (len(stamp), 1))
-    time = np.stack(np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000), axis=1)
-    rows[:, 4:12] = time.astype('<u4').view(np.uint8)
-    rows[:, begin : begin + 8 * values.shape[1]] = np.ascontiguousarray(values, dtype='<f8').view(np.uint8)
+    head = np.zeros(len(rows), dtype=_STAMP)
+    head['s'], head['ns'] = np.divmod(np.asarray(stamp, dtype=np.int64), SECOND)
+    begins = _STAMP.fields['s'][1]  # type: ignore[index]
+    rows[:, begins:_STRINGS] = head.view(np.uint8).reshape(len(rows), -1)[:, begins:]
+    rows[:, begin : begin + _SIZE * values.shape[1]] = np.ascontiguousarray(values, dtype=_NUMBER).view(np.uint8)
     data = rows.tobytes()
     return [data[at : at + size] for at in range(0, len(data), size)]

@@ -25,14 +25,18 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Budget, Storage, Topic, unpack
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
-_END = 8 + 8 + 4 + len(MAGIC)
-"""Bytes of the end of a file: where its summary starts, and what follows."""
+_FOOTER = struct.Struct(f'<QQI{len(MAGIC)}s')
+"""The end of a file: where its summary starts, and what follows."""
+_MESSAGE = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'), ('times', '<i8', 2)])
+"""What is before the payload of a message: its length counts what follows, the times are of log and publishing."""
+_AFTER_LENGTH = int(_MESSAGE.fields['channel'][1])  # type: ignore[index]
+_LEAST = _MESSAGE.itemsize - _AFTER_LENGTH
+"""Length of a message without payload."""
 _ENTRY = 16
 """Bytes of statistics, a schema or a channel that cost as much as a record."""
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -55,12 +59,8 @@ class McapFile(Storage):
             for batch in self._batches(stream, wanted, statistics):
                 read[batch.topic.name] += len(batch.start)
                 yield batch
-        counts = statistics[0].channel_message_counts if statistics and not self.warnings else {}
-        for topic in wanted if counts else ():
-            expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
-            if expected != read[topic]:
-                stated = f'its index states {expected} messages of {topic}, read were {read[topic]}'
-                self.warnings.append(f'{self.path.name}: {stated}')
+        if statistics and not self.warnings and (counts := statistics[0].channel_message_counts):
+            self._compare(counts, read, wanted)
 
     def _batches(self, stream: IO[bytes], wanted: Collection[str], statistics: list[Statistics]) -> Iterator[Batch]:
         """The messages; appends what the file states of their number."""
@@ -122,15 +122,15 @@ class McapFile(Storage):
                 places.setdefault(topic, []).extend(found)
         buffer = np.frombuffer(data, np.uint8)
         for topic, found in places.items():
-            at = np.sort(np.array(found, dtype=np.int64))
-            # opcode (1), length (8); channel (2), sequence (4), log time (8), publish time (8), payload
-            yield Batch(topic, _integers(buffer, at + 15), buffer, at + 31, _integers(buffer, at + 1) - 22)
+            at, size = np.sort(np.array(found, dtype=np.int64)), _MESSAGE.itemsize
+            head = sliding_window_view(buffer, size)[at].view(_MESSAGE)[:, 0]
+            yield Batch(topic, head['times'][:, 0].copy(), buffer, at + size, head['length'].astype(np.int64) - _LEAST)
 
     def _summary(self) -> list[Schema | Channel]:
         """The definitions at the end of a complete file."""
         with self.path.open('rb') as stream:
-            stream.seek(-_END, SEEK_END)
-            (start,) = struct.unpack('<Q', stream.read(8))
+            stream.seek(-_FOOTER.size, SEEK_END)
+            start, *_ = _FOOTER.unpack(stream.read())
             stream.seek(start)
             reader = _Records(stream, skip_magic=True, record_size_limit=LARGEST_MESSAGE)
             reader.budget = self._budget
@@ -171,14 +171,14 @@ def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes],
     """
     places: dict[int, list[int]] = {}
     definitions: dict[bytes, None] = {}
-    parts, size, message = struct.Struct('<BQH').unpack_from, len(data), int(Opcode.MESSAGE)
-    at = others = 0
-    while at + 11 <= size:
+    head, size, message = struct.Struct('<BQH'), len(data), int(Opcode.MESSAGE)
+    parts, at, others = head.unpack_from, 0, 0
+    while at + head.size <= size:
         opcode, length, key = parts(data, at)
-        end = at + 9 + length
+        end = at + _AFTER_LENGTH + length
         if end > size:
             break
-        if opcode == message and length >= 22:
+        if opcode == message and length >= _LEAST:
             if key in places:
                 places[key].append(at)
             else:
@@ -197,10 +197,5 @@ def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes],
 
 
 def _definition(record: bytes) -> Schema | Channel:
-    content = ReadDataStream(BytesIO(record[9:]))
+    content = ReadDataStream(BytesIO(record[_AFTER_LENGTH:]))
     return Schema.read(content) if record[0] == Opcode.SCHEMA else Channel.read(content)
-
-
-def _integers(buffer: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The 8-byte integer at each of n offsets."""
-    return sliding_window_view(buffer, 8)[at].view('<i8')[:, 0].astype(np.int64)

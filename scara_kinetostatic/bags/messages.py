@@ -9,7 +9,7 @@ from __future__ import annotations
 import bz2
 import os
 import re
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -20,6 +20,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError, one_line
+from scara_kinetostatic.files.atomic import KIB, MIB
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
@@ -32,9 +33,9 @@ DISCARD_TOPIC = '/discarded_touch'
 """Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700…, "received": 1700…}`: its
 number, the middle of its hold by the clock of the streams, and when that was received, ns."""
 
-LARGEST_MESSAGE = 1 << 20
+LARGEST_MESSAGE = MIB
 """A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""
-BATCH, BATCH_BYTES = 8192, 1 << 25
+BATCH, BATCH_BYTES = 8 * KIB, 32 * MIB
 """Messages and bytes after which a batch ends, where the source does not set its own portion."""
 PORTION = 64
 """Messages that are in memory before their bytes are counted: many may be the same bytes of a file."""
@@ -42,7 +43,7 @@ PORTION = 64
 
 MAX_BYTES = 'SCARA_KINETOSTATIC_MAX_BYTES'
 """Environment variable with the limit in bytes; ``--max-bytes`` sets it, for child processes as well."""
-_BYTES, _BYTES_RATIO = 1 << 28, 200
+_BYTES, _BYTES_RATIO = 256 * MIB, 200
 """A recording may unpack to the larger of these, bytes and times its size; the tests' recordings to 7 times."""
 _RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
@@ -74,7 +75,7 @@ class Budget:
         self._limit = self._bytes = max(_BYTES, _BYTES_RATIO * size, int(given or 0))
         self._records_limit = self.records = max(_RECORDS + size // _RECORD_SIZE, int(given or 0) // _RECORD_BYTES)
         # of a chunk when unpacked; recorders write up to 4 MiB, and single images more
-        self.largest_piece = max(1 << 26, int(given or 0))
+        self.largest_piece = max(2 * BATCH_BYTES, int(given or 0))
 
     def charge(self, size: int, records: int = 0) -> None:
         """Charges bytes unpacked or copied, and records taken apart.
@@ -102,7 +103,7 @@ def unpack(data: bytes, most: int) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             content = reader.read(most + 1)
     else:
-        step = 1 << 22  # bytes that are unpacked at a time: the memory is taken before
+        step = 4 * MIB  # unpacked at a time: the memory is taken before
         decoder: Any = bz2.BZ2Decompressor() if data.startswith(b'BZh') else lz4.frame.LZ4FrameDecompressor()
         content = decoder.decompress(data, min(most + 1, step))
         while not (decoder.eof or decoder.needs_input) and len(content) <= most:
@@ -217,6 +218,14 @@ class Storage:
         """Every topic of the recording, complete once `batches` is exhausted."""
         return list(dict.fromkeys(self._topics.values()))
 
+    def _compare(self, stated: Mapping[Any, int], read: Mapping[str, int], wanted: Collection[str]) -> None:
+        """Warns where the file states other numbers of messages, by the keys of its topics, than were read."""
+        for name in wanted:
+            keys = [key for key, topic in self._topics.items() if topic.name == name]
+            if keys and (expected := sum(stated.get(key, 0) for key in keys)) != read[name]:
+                said = f'its index states {expected} messages of {name}, read were {read[name]}'
+                self.warnings.append(f'{self.path.name}: {said}')
+
 
 @contextmanager
 def reading(path: str | Path) -> Iterator[None]:
@@ -234,7 +243,7 @@ def reading(path: str | Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
-        raise RecordingError(path, f'cannot be read: {reason[:200]}', 'check the file, or record it again') from error
+        raise RecordingError(path, f'cannot be read: {reason:.200}', 'check the file, or record it again') from error
 
 
 def ros_topic(name: str) -> str:

@@ -48,7 +48,8 @@ from scara_kinetostatic.bags.messages import (
     ros_topic,
     unpack,
 )
-from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
+from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line, some_of
+from scara_kinetostatic.files.atomic import MIB
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.files.yaml_file import parse_strings
@@ -216,7 +217,7 @@ def _nothing_usable(
             problem = f'topic {topic} carries {here[0].msgtype} ({here[0].encoding}), expected {msgtype} (cdr)'
         return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
     if decoder.names and (missing := [name for name in cell.joint_names if name not in decoder.names]):
-        problem = f'topic {topic} does not have {" and ".join(missing)}, only {_some(sorted(decoder.names))}'
+        problem = f'topic {topic} does not have {" and ".join(missing)}, only {some_of(sorted(decoder.names))}'
         return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
     reasons = ', '.join(f'{number} {why}' for why, number in decoder.dropped.most_common()) or 'it has none'
     return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
@@ -226,13 +227,9 @@ def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
     right = [item.name for item in topics if item.msgtype == msgtype and item.encoding == 'cdr']
     key = 'sensor.joint_states' if msgtype == JOINT_STATE else 'sensor.wrench'
     if right:
-        return f'{msgtype} is on {_some(right)}: put that into {key} of the cell description'
-    return f'it has {_some([f"{item.name} ({item.msgtype})" for item in topics])}: record {topic} ({msgtype})'
-
-
-def _some(names: list[str], most: int = 8) -> str:
-    more = f' and {len(names) - most} more' if len(names) > most else ''
-    return (', '.join(names[:most]) or 'nothing') + more
+        return f'{msgtype} is on {some_of(right)}: put that into {key} of the cell description'
+    there = some_of([f'{item.name} ({item.msgtype})' for item in topics]) or 'nothing'
+    return f'it has {there}: record {topic} ({msgtype})'
 
 
 def _cell_topics(path: str | Path, topics: Sequence[Topic], sensor: Sensor) -> tuple[str, str]:
@@ -387,7 +384,7 @@ class _Decompressed(Storage):
             plain = Path(folder) / self.path.stem
             with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
                 try:
-                    while part := packed.read(1 << 20):
+                    while part := packed.read(MIB):
                         self._budget.charge(len(part))  # nothing beyond the limit is written
                         unpacked.write(part)
                 except zstandard.ZstdError as error:
@@ -455,7 +452,7 @@ class BagFolder(Storage):
         """The files that the metadata lists and that are there; where there are none, all are to be read in order."""
         metadata = self.path / METADATA
         try:
-            if metadata.stat().st_size > 1 << 24:  # a recording of 10 000 files has 2 MB
+            if metadata.stat().st_size > 16 * MIB:  # a recording of 10 000 files has 2 MB
                 raise ValueError('too large')
             data = parse_strings(metadata.read_text('utf-8'))['rosbag2_bagfile_information']
             names = dict.fromkeys(PurePosixPath(name).name for name in data['relative_file_paths'])  # old: with folder

@@ -16,9 +16,11 @@ from typing import IO
 from scara_kinetostatic.bags.cdr import ros2_types
 from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batch, Batches, Storage, Topic, unpack
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.touches.clock import SECOND
 
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CONNECTION = b'\2', b'\3', b'\4', b'\5', b'\7'
 """Kinds of records, field `op`."""
+_MAGIC = b'#ROSBAG V2.0\n'
 _HEADER = 64
 """Bytes of a header that cost a record."""
 _DAMAGE = (LookupError, OSError, RuntimeError, ValueError)
@@ -31,9 +33,9 @@ class Ros1File(Storage):
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
         stated, chunks = 0, 0
-        expected, read = Counter[bytes](), Counter[Topic]()
+        expected, read = Counter[bytes](), Counter[str]()
         with self.path.open('rb') as stream:
-            if stream.readline(20) != b'#ROSBAG V2.0\n':
+            if stream.read(len(_MAGIC)) != _MAGIC:
                 raise RecordingError(self.path, 'expected a bag of version 2.0', 'convert it by `rosbag fix`')
             try:
                 for fields, data in self._records(stream, self.path.stat().st_size):
@@ -46,7 +48,7 @@ class Ros1File(Storage):
                     elif fields[b'op'] == _CHUNK:
                         chunks += 1
                         for batch in self._chunk(fields, data, wanted):
-                            read[batch.topic] += len(batch.start)
+                            read[batch.topic.name] += len(batch.start)
                             yield batch
             except _DAMAGE as error:
                 self.warnings.append(f'{self.path.name} is damaged ({error}): read up to there')
@@ -54,11 +56,7 @@ class Ros1File(Storage):
             return
         if chunks != stated:
             self.warnings.append(f'{self.path.name} states {stated} chunks, read were {chunks}: it was not closed')
-        for topic in (topic for topic in self.topics() if topic.name in wanted):
-            number = sum(expected[key] for key, known in self._topics.items() if known == topic)
-            if number != read[topic]:
-                stated_messages = f'its index states {number} messages of {topic.name}, read were {read[topic]}'
-                self.warnings.append(f'{self.path.name}: {stated_messages}')
+        self._compare(expected, read, wanted)
 
     def _records(self, stream: IO[bytes], most: int) -> Iterator[tuple[_Fields, bytes]]:
         """Fields and data of each record up to the end; no part is longer than `most`."""
@@ -94,7 +92,7 @@ class Ros1File(Storage):
                 elif head[b'op'] == _MESSAGE and self._topics[head[b'conn']].name in wanted:
                     topic = self._topics[head[b'conn']]
                     times, payloads = found.setdefault(topic, ([], []))
-                    times.append(_number(head[b'time'][:4]) * 10**9 + _number(head[b'time'][4:]))
+                    times.append(_number(head[b'time'][:4]) * SECOND + _number(head[b'time'][4:]))
                     payloads.append(_converted(payload, topic.msgtype))
                     self._budget.charge(len(payload))
         except _DAMAGE as error:

@@ -8,6 +8,7 @@ from contextlib import closing
 
 from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Storage, Topic, batched
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.atomic import KIB, MIB
 
 _STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
@@ -34,7 +35,7 @@ class SqliteFile(Storage):
         without_topic = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
         try:
             # larger ones contain camera images or the like
-            checked = self.path.stat().st_size < 1 << 30
+            checked = self.path.stat().st_size < KIB * MIB
             (problem,) = database.execute('PRAGMA quick_check(1)').fetchone() if checked else ('ok',)
             (lost,) = database.execute(without_topic).fetchone()
         except sqlite3.DatabaseError as error:

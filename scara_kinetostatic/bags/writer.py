@@ -36,14 +36,16 @@ from scara_kinetostatic.bags.messages import (
     WRENCH_STAMPED,
 )
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, writing
+from scara_kinetostatic.files.atomic import KIB, all_or_nothing, fresh_folder, replace_text, writing
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, dump_cell
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.streams import Streams
 
 __all__ = ['BagWriter', 'fresh_folder', 'write_streams']
 
-_FOREVER = QosTime(9223372036, 854775807)
+_LATEST = int(np.iinfo(np.int64).max)
+_FOREVER = QosTime(*divmod(_LATEST, SECOND))
 
 
 class Channel(NamedTuple):
@@ -93,12 +95,12 @@ class McapWriter:
 
     def __init__(self, path: Path, channels: Sequence[Channel] = (), *, compress: bool = False) -> None:
         self.name = path.name
-        self.start, self.end = (1 << 63) - 1, 0
+        self.start, self.end = _LATEST, 0
         self.counts: Counter[str] = Counter()
         self._stream = path.open('xb')
         compression = CompressionType.ZSTD if compress else CompressionType.NONE
         # a chunk is what a reader decompresses at a time, and what a kill may cost
-        self._writer = Writer(self._stream, chunk_size=256 * 1024, compression=compression, enable_data_crcs=True)
+        self._writer = Writer(self._stream, chunk_size=256 * KIB, compression=compression, enable_data_crcs=True)
         self._writer.start('ros2', 'scara_kinetostatic')
         self._ids = {channel: self._register(channel) for channel in channels}
 

@@ -40,14 +40,14 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.bags.reader import open_recording, read_streams, recorded_cell
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.files.tables import is_touch_table
-    from scara_kinetostatic.pipeline import touches_of_file
+    from scara_kinetostatic.pipeline import gather_touches
     from scara_kinetostatic.touches.detection import cell_of_files, find_touches
 
     cell = load_cell(args.cell) if args.cell else recorded_cell([args.bag], '--cell')
     warnings: tuple[str, ...] = ()
     found: dict[str, Any] = {'recording': str(args.bag), 'topics': [], 'streams': {}}
     if is_touch_table(args.bag):  # it has no streams
-        detection, cell = touches_of_file(args.bag, cell), cell_of_files(cell, [args.bag], [])
+        detection, cell = gather_touches([args.bag], cell), cell_of_files(cell, [args.bag], [])
     else:
         streams = read_streams(args.bag, cell)
         detection, warnings = find_touches(streams, cell), streams.warnings

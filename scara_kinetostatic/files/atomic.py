@@ -22,6 +22,9 @@ from pathlib import Path
 
 from scara_kinetostatic.errors import InputError, OutputError, ScaraKinetostaticError
 
+KIB, MIB = 1 << 10, 1 << 20
+"""Bytes."""
+
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
@@ -200,7 +203,7 @@ def read_file(path: str | Path, problem: type[InputError], most: int, what: str)
             kind = 'a folder' if path.is_dir() else 'something else'
             raise problem(path, f'expected a file of {what}, got {kind}', 'name the file itself')
         if (size := path.stat().st_size) > most:
-            raise problem(path, f'expected at most {most >> 10} KiB of {what}, got {size} bytes', 'check the path')
+            raise problem(path, f'expected at most {most // KIB} KiB of {what}, got {size} bytes', 'check the path')
         return path.read_bytes()
     except (OSError, ValueError) as error:  # a ValueError: a path with a null character
         reason = error.strerror if isinstance(error, OSError) else error
@@ -233,7 +236,7 @@ def recording_checksum(path: str | Path) -> str:
 def _file_checksum(file: Path) -> str:
     digest = hashlib.sha256()
     with file.open('rb') as stream:
-        while piece := stream.read(1 << 20):
+        while piece := stream.read(MIB):
             digest.update(piece)
     return digest.hexdigest()
 

@@ -25,6 +25,7 @@ from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Undetected, Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
+from scara_kinetostatic.files.atomic import MIB
 from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
@@ -37,7 +38,7 @@ SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
 RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
-_MAX_BYTES, _MOST_VALUES = 12 << 20, 1_000_000
+_MAX_BYTES, _MOST_VALUES = 12 * MIB, 1_000_000
 """Larger documents are refused; one has up to 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate of this version writes'
 
@@ -151,7 +152,7 @@ def parse_document(text: str, where: str | Path) -> Any:
     """
     try:
         if not is_readable(text):
-            limits = f'expected at most {_MAX_BYTES >> 20} MiB, {_MOST_VALUES} values'
+            limits = f'expected at most {_MAX_BYTES // MIB} MiB, {_MOST_VALUES} values'
             raise CalibrationFileError(where, limits, _REMEDY)
         return json.loads(text)
     except (ValueError, RecursionError) as error:

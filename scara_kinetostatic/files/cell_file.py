@@ -38,11 +38,13 @@ from scara_kinetostatic.model import cell as cells
 from scara_kinetostatic.model.cell import Plane, axes_problem
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import LEVEL, MOMENTS, NAMES, UNITS, Parameters
+from scara_kinetostatic.model.parameters import LEVEL, MILLI, MOMENTS, NAMES, P_EE, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
 
+MOST_TURN = 12.6
+"""Limits beyond two turns are not those of an arm, rad."""
 OPTIONAL = ('plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity', 'obstacles', 'touch', 'identification')
 """Keys that may be left out, beside `sensor`, `noise` and `model`."""
 
@@ -243,7 +245,7 @@ def _only(key: str, within: Within) -> Reader:
 
 def _nominal(name: str) -> Within:
     """Of compliances and backlashes 0 is the least."""
-    least = 0.0 if name in NAMES[6:] else -inf
+    least = 0.0 if name in NAMES[P_EE:] else -inf
     return Within(least, positive=name in ('l1', 'l2'), unit=UNITS[name])
 
 
@@ -280,7 +282,7 @@ def _sensor_axes(sensor: MappingReader, key: str) -> tuple[tuple[float, ...], ..
 
 def _limits(robot: MappingReader, key: str) -> tuple[tuple[float, float], ...]:
     of_joint = _interval(
-        'lower limit', 'upper limit', Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
+        'lower limit', 'upper limit', Within.size(MOST_TURN, 'it is in rad: 2.6 for 150 degrees', unit='rad')
     )
     names = robot.read({'joint_names': _READERS['robot']['joint_names']}).get('joint_names', cells.Cell.joint_names)
     return tuple(robot.record(key, dict.fromkeys(names, of_joint), names).values())
@@ -329,12 +331,17 @@ def _region(top: MappingReader, key: str) -> cells.Region:
     return cells.Region(*bounds['x'], *bounds['y'])
 
 
+def _own_name(section: MappingReader, what: str, others: Iterable[Any]) -> str:
+    name = section.word('name')
+    if name in (other.name for other in others):
+        raise section.error('name', f'another {what} is named {name!r}, too', f'give every {what} its own name')
+    return name
+
+
 def _plates(top: MappingReader, key: str) -> tuple[cells.Plate, ...]:
     plates: list[cells.Plate] = []
     for section in top.items(key, 'plates', ('name', 'origin'), ('uncertainty',), most=16):
-        name = section.word('name')
-        if name in (plate.name for plate in plates):
-            raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
+        name = _own_name(section, 'plate', plates)
         x, y = section.vector('origin', ('x', 'y'), Within(unit='m'))
         plates.append(cells.Plate(name, x, y, **_stds(section, cells.Plate)))
     return tuple(plates)
@@ -345,9 +352,7 @@ def _discs(top: MappingReader) -> tuple[cells.Disc | Outline, ...]:
     optional = ('uncertainty', 'plate')
     other = ('name', 'outline'), ('corner_radius', 'open', *optional)
     for section in top.items('objects', 'discs', ('name', 'center', 'radius'), optional, other=other):
-        name = section.word('name')
-        if name in (disc.name for disc in discs):
-            raise section.error('name', f'another disc is named {name!r}, too', 'give every disc its own name')
+        name = _own_name(section, 'disc', discs)
         if 'outline' in section.data:
             given = section.read(_READERS['outline'], ('open',))
             more = {'is_open': given.get('open', False), 'corner_radius': given.get('corner_radius', 0.0)}
@@ -424,9 +429,10 @@ def _level(first: str, second: str, least: float, most: float, unit: str) -> Rea
 
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
-_LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
+_LENGTH = Within(0.0, 2 * MILLI, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
-_ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
+_PART = Within(0.0, 0.2)
+_ANGLE = replace(_PART, remedy='it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
 _STDS = {
     cells.Disc: {'center': ('center_std', _LENGTH), 'radius': ('radius_std', _LENGTH)},
     Outline: {'center': ('center_std', _LENGTH), 'angle': ('angle_std', _ANGLE), 'offset': ('radius_std', _LENGTH)},
@@ -437,7 +443,7 @@ _STDS = {
 _NOISE: dict[str, Reader] = {
     'joint': _level('joint 1', 'joint 2', 1e-15, 1e-2, 'rad'),
     'force': _level('x', 'y', 1e-12, 100.0, 'N'),
-    'force_relative': Within(0.0, 0.2, 'give it as a part of the force: 0.01 for 1 %'),
+    'force_relative': replace(_PART, remedy='give it as a part of the force: 0.01 for 1 %'),
 }
 _FORCE = Within(0.0, 5e3, positive=True, unit='N')
 _MOMENTS = {name: Within(unit=UNITS.get(name, 'rad')) for name in (*MOMENTS, 'phi1', 'phi2')}
@@ -447,7 +453,7 @@ _READERS: dict[str, dict[str, Reader]] = {
         'noise': _record(cells.Noise, _NOISE, ('joint', 'force')),
         'plates': _plates,
         # any calibration meets a larger one
-        'tolerance': _only('tip', Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')),
+        'tolerance': _only('tip', Within(0.0, 5 * MILLI, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')),
         'region': _region,
         'tip': _only('radius', Within(positive=True, unit='m')),
         'obstacles': _obstacles,
@@ -461,7 +467,7 @@ _READERS: dict[str, dict[str, Reader]] = {
     'robot': {
         'nominal': _record(Parameters, {name: _nominal(name) for name in NAMES}, NAMES),
         'joint_names': lambda robot, key: robot.vector(key, ('q1', 'q2'), MappingReader.word),
-        'coupling': Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth'),
+        'coupling': Within.size(2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth'),
         'direction': lambda robot, key: robot.vector(key, ('joint 1', 'joint 2'), _sign),
         'plane': _plane,
         # phi: directions of the centres of mass from those of the links
@@ -476,10 +482,10 @@ _READERS: dict[str, dict[str, Reader]] = {
         'wrench': _topic,
         'frame': choice(cells.SensorFrame),
         'sign': choice(cells.SensorSign),
-        'time_offset': Within(-4e9, 4e9, unit='s'),
-        'rotation': Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad'),
+        'time_offset': Within.size(4e9, unit='s'),
+        'rotation': Within.size(MOST_TURN / 2, 'it is in rad: 1.5708 for 90 degrees', unit='rad'),
         'axes': _sensor_axes,
-        'tool_weight': Within(-50.0, 50.0, 'it is in kg: 0.15 for 150 g', unit='kg'),
+        'tool_weight': Within.size(50.0, 'it is in kg: 0.15 for 150 g', unit='kg'),
         'zero_service': lambda sensor, key: _topic(sensor, key) if sensor.data[key] else '',
         'base_frame': MappingReader.word,
         'tool_frame': MappingReader.word,
@@ -490,13 +496,13 @@ _READERS: dict[str, dict[str, Reader]] = {
         'max_force': _FORCE,
         'speed': Within(0.0, 2.0, positive=True, unit='m/s'),
         'contact_speed': Within(0.0, 0.05, positive=True, unit='m/s'),
-        'clearance': Within(1e-3, 0.1, 'it is in m: 0.012 for 12 mm', unit='m'),
+        'clearance': Within(MILLI, 0.1, 'it is in m: 0.012 for 12 mm', unit='m'),
         'hold': Within(0.2, 10.0, 'a hold of 0.2 s or more is found', unit='s'),
-        'search': Within(1e-3, 0.05, 'it is in m: 0.01 for 10 mm', unit='m'),
+        'search': Within(MILLI, 0.05, 'it is in m: 0.01 for 10 mm', unit='m'),
     },
     'uncertainty': {
         'radius': _LENGTH,
-        'force_gain': Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %'),
+        'force_gain': replace(_PART, remedy='it is a part of 1: 0.005 for 0.5 %'),
         'force_rotation': _ANGLE,
     },
 }

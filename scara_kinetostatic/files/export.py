@@ -29,7 +29,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import MILLI, NAMES, P_EE, UNITS
 from scara_kinetostatic.model.tip import direct_kinetostatics
 
 MOST_ROWS = 1_000_000
@@ -130,7 +130,7 @@ def _errors_between(arm: CalibratedArm, cells: Indices, middle: Floats, forces: 
 def _in_words(errors: Floats) -> str:
     if not len(errors):
         return 'the places are too far apart to interpolate between them'
-    largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
+    largest, most = (f'{value / MILLI:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
     rest = f'by up to {largest} mm where the arm is nearly stretched or folded or a backlash changes sides'
     most = f'by less than {most} mm in 95 % of the middles, {rest}'
     return f'halfway between places, bilinear interpolation of dq misses the tip {most}'
@@ -173,7 +173,7 @@ def _left_out(arm: CalibratedArm, kind: str) -> str:
     undetected = ['effects not detected'] * any(effect.is_undetected for effect in arm.model.acting.effects)
     left_out = '' if kind == 'csv' else ', '.join((*_robot_effects(arm), *gravity, *undetected))
     miss = rigid_miss(arm) if left_out and kind != 'header' else 0.0
-    return left_out + (f', up to {1e3 * miss:.3g} mm at the unloaded tip' if miss else '')
+    return left_out + (f', up to {miss / MILLI:.3g} mm at the unloaded tip' if miss else '')
 
 
 def rigid_miss(arm: CalibratedArm) -> float:
@@ -207,7 +207,7 @@ def _origin(arm: CalibratedArm, source: str) -> str:
 
 def _notes(arm: CalibratedArm, kind: str) -> list[str]:
     """What a reader must know besides, one sentence each."""
-    named = NAMES[:6] if kind in ('urdf', 'xacro', 'dh') else tuple(UNITS)
+    named = NAMES[:P_EE] if kind in ('urdf', 'xacro', 'dh') else tuple(UNITS)
     notes = list(arm.reservations)
     if free := [name for name, _, std, _ in _values(arm) if std == _FREE and name in named]:
         notes.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
@@ -231,7 +231,7 @@ def xacro_text(arm: CalibratedArm, head: Sequence[str]) -> str:
         Path(__file__).with_name('arm.xacro.j2'),
         comment=Markup(xacro(_comment(head))),
         name=xacro(arm.cell.identification.robot or 'scara'),
-        properties=_values(arm)[:6],
+        properties=_values(arm)[:P_EE],
         joints=[xacro(name) for name in arm.cell.joint_names],
         lift_joint=xacro(arm.cell.lift.joint) if arm.cell.lift else '',
         back=-arm.cell.coupling,
@@ -328,7 +328,7 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[bytes, l
     """
     robot = read_robot(urdf)
     origins, p = corrected_origins(arm, robot), arm.model.parameters
-    soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[6:])
+    soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[P_EE:])
     rest = f'a rigid URDF cannot hold compliance and backlash ({soft})'
     made = f'changed are the origins of {", ".join(origins) or "no joint"}, by {_origin(arm, source)}'
     return with_origins(robot, origins), [*_notes(arm, 'urdf'), rest, made]

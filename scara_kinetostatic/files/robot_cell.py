@@ -38,14 +38,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import CellError, InputError, one_line
-from scara_kinetostatic.files.cell_file import read_cell
+from scara_kinetostatic.files.cell_file import MOST_TURN, read_cell
 from scara_kinetostatic.files.urdf import ATTRIBUTE, TOKEN, Joint, RobotDescription, axis_of, render
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Lift, Plane
 from scara_kinetostatic.model.kinematics import wrap
-from scara_kinetostatic.model.parameters import MOMENTS, Parameters, implausible_size, quantity
+from scara_kinetostatic.model.parameters import MICRO, MILLI, MOMENTS, NANO, Parameters, implausible_size, quantity
 
 GRAVITY = 9.81
 """m/s², along -z of the root."""
@@ -57,11 +57,11 @@ _LEAST = 1e-4
 """A link of no length, m."""
 _LEVEL = 0.01
 """A plane that is less tilted is level, an axis along its normal, rad: URDFs round their angles."""
-_DUST = 1e-12
-"""What is less is a rounding error, m and rad."""
-_MOST_TURN = 12.6
-"""Limits beyond two turns are not those of an arm, rad: what a cell description takes."""
-_ASSUMED = (-3.14, 3.14)
+_DUST, _DIGITS = 1e-12, 15
+"""What is less is a rounding error, m and rad; and digits that are none."""
+_PARALLEL = NANO
+"""Axes that are less off parallel are exactly so, rad."""
+_ASSUMED = 3.14
 """Limits of a joint that has none, rad."""
 
 
@@ -148,13 +148,13 @@ def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
         return np.stack([x, np.cross(normal, x)]), normal
     y /= np.linalg.norm(y)
     x = np.cross(y, axis)
-    x *= np.sign(x @ (ahead if abs(x @ ahead) > 1e-6 else left))
+    x *= np.sign(x @ (ahead if abs(x @ ahead) > MICRO else left))
     return np.stack([x, y]), np.cross(x, y)
 
 
 def _rounded(values: Any) -> tuple[Any, ...]:
     """Numbers without the digits of rounding errors."""
-    return tuple(np.where(np.abs(values) < _DUST, 0.0, np.round(values, 15)).tolist())
+    return tuple(np.where(np.abs(values) < _DUST, 0.0, np.round(values, _DIGITS)).tolist())
 
 
 def robot_cell(
@@ -176,7 +176,7 @@ def robot_cell(
     positions = held | ({lift.joint: lift.down} if lift else {})
     arm = planar_arm(robot, joints, tip, positions)
     parallel = 'parallel'
-    if arm.tilt > 1e-9:
+    if arm.tilt > _PARALLEL:
         out, aside = (quantity(cost, 'm') for cost in arm.cost)
         cost = f'the tip leaves the plane by up to {out}, and is in it up to {aside} from where the model has it'
         parallel = f'{degrees(arm.tilt):.3g} degrees off parallel: {cost}'
@@ -187,13 +187,13 @@ def robot_cell(
     notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
     if not arm.nominal.has_gravity:
         tilt = degrees(np.hypot(arm.plane.x[2], arm.plane.y[2]))
-        notes.append(f'gravity is across the plane{f" to {tilt:.1g} degrees" if tilt > 1e-9 else ""}: none in it')
+        notes.append(f'gravity is across the plane{f" to {tilt:.1g} degrees" if tilt > _PARALLEL else ""}: none in it')
     elif not has_weight:
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
     limits, guessed = {}, list[str]()
     for name in joints:
         pair, stated = _limits(robot.joints[name])
-        low, high = limits[name] = list(pair or _ASSUMED)
+        low, high = limits[name] = list(pair or (-_ASSUMED, _ASSUMED))
         if stated:
             guessed.append(f'limits of {name} {stated}: {low:.4g} to {high:.4g} rad is assumed, correct robot.limits')
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
@@ -266,7 +266,7 @@ def _held(
     moving = {*joints, *({lift.joint} - at.keys() if lift else ())}
     held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in moving}
     for name, value in held.items():
-        if robot.joints[name].type != 'prismatic' and abs(value) > 2 * pi + 1e-3:
+        if robot.joints[name].type != 'prismatic' and abs(value) > 2 * pi + MILLI:
             raise robot.error(f'--at {name}={value:g} is beyond a turn', f'in degrees? Give rad: {radians(value):.6g}')
         limits, _ = _limits(robot.joints[name])
         if limits and not limits[0] <= value <= limits[1]:
@@ -290,9 +290,9 @@ def _limits(joint: Joint) -> tuple[tuple[float, float] | None, str]:
     largest, is_angle = max(abs(low), abs(high)), joint.type == 'revolute'
     if not low < high:
         return None, stated
-    if is_angle and _MOST_TURN < largest <= 720:
+    if is_angle and MOST_TURN < largest <= degrees(4 * pi):
         return (radians(low), radians(high)), f'{stated} (in degrees?)'
-    is_none = largest > _MOST_TURN if is_angle else implausible_size(largest, 'm')
+    is_none = largest > MOST_TURN if is_angle else implausible_size(largest, 'm')
     return (None, stated) if is_none else (joint.limits, '')
 
 
@@ -305,7 +305,7 @@ def _mounting(
     turn = np.exp(1j * (arm.nominal.theta1 + arm.nominal.theta2))
     link2 = arm.plane.axes @ [[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1]]
     seen = robot.frame(sensor, held)[:3, :3].T @ link2  # axes of link 2 in the sensor, as columns
-    if seen[2, 2] > 1 - 1e-9:
+    if seen[2, 2] > 1 - _PARALLEL:
         return f'rotation: {dump_yaml(_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0], flow=True)}'
     axes = {name: list(_rounded(seen[:, k])) for k, name in enumerate('xy')}
     return f'axes: {dump_yaml(axes, flow=True)}'
@@ -313,8 +313,6 @@ def _mounting(
 
 _MOST = 0.05
 """A geometry that differs by more is that of another robot, m and rad."""
-_DUST = 1e-12
-"""A joint that moves by less stays as it is, m or rad."""
 
 
 class Pose(NamedTuple):
@@ -370,7 +368,7 @@ def _moved(robot: RobotDescription, name: str, positions: Mapping[str, float], m
         off = wrap(np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]]) - rpy)
         rpy = rpy + off[np.abs(off).sum(axis=1).argmin()]  # of its two triples that which is near the old one
     pairs = (joint.xyz, xyz + parent.T @ move), (joint.rpy, rpy)
-    return Pose(*(np.where(np.abs(new - old) > _DUST, np.round(new, 15) + 0.0, old) for old, new in pairs))
+    return Pose(*(np.where(np.abs(new - old) > _DUST, np.round(new, _DIGITS) + 0.0, old) for old, new in pairs))
 
 
 def with_origins(robot: RobotDescription, origins: Mapping[str, Pose]) -> bytes:

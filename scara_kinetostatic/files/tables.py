@@ -7,7 +7,7 @@ numbers may have a decimal comma. A row that is wrong is an error with its line 
 
     table = load_table(path, 'force_N,displacement_mm')
     places = table.find(COLUMNS)                        # where each column stands, its unit known
-    values = table.read(places)                         # values.numbers['force']: (n,), SI
+    values = table.read(places)                         # values['force']: (n,), SI
 
 **Touches**, one in each row:
 
@@ -45,22 +45,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.atomic import read_file
+from scara_kinetostatic.errors import RecordingError, some_of
+from scara_kinetostatic.files.atomic import MIB, read_file
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.parameters import MICRO, MILLI
 
-MAX_BYTES = 64 * 2**20
+MAX_BYTES = 64 * MIB
 """Larger files are refused."""
 MAX_ROWS, MAX_CELLS = 200_000, 2_000_000
 """More lines are refused, and more separators: each costs memory."""
 MAX_COLUMNS, MAX_HEADING = 1000, 100
 """More columns are refused, and longer headings, which regular expressions take apart."""
-LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
-ANGLE = {'rad': 1.0, 'mrad': 1e-3, 'urad': 1e-6, 'µrad': 1e-6, 'μrad': 1e-6, 'deg': math.pi / 180, '°': math.pi / 180}
-FORCE = {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}
-TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
-TIME = {'s': 1.0, 'ms': 1e-3}
+_SMALL = {'': 1.0, 'm': MILLI, 'u': MICRO, 'µ': MICRO, 'μ': MICRO}
+_LARGE = {'': 1.0, 'k': 1 / MILLI, 'm': MILLI}
+LENGTH = {f'{prefix}m': factor for prefix, factor in _SMALL.items()}
+ANGLE = {f'{prefix}rad': factor for prefix, factor in _SMALL.items()} | dict.fromkeys(('deg', '°'), math.radians(1))
+FORCE = {f'{prefix}N': factor for prefix, factor in _LARGE.items()}
+TORQUE = {f'{unit}m': factor for unit, factor in FORCE.items()}
+TIME = {'s': 1.0, 'ms': MILLI}
 SENSE_OR_ANGLE = {'': 1.0, **ANGLE}
 """An angle whose heading may leave out the unit: its sign alone, ±1, or rad."""
 FORMULA = ('=', '+', '-', '@', '\t', '\r')
@@ -115,18 +118,6 @@ class Place(NamedTuple):
     factor: float = 1.0
 
 
-class Values(NamedTuple):
-    """What the rows of a table hold, by name of the column.
-
-    Attributes:
-        numbers: (n,) each, SI; NaN where a cell is empty.
-        others: of columns that hold no numbers, n each; None where a cell is empty.
-    """
-
-    numbers: dict[str, Floats]
-    others: dict[str, list[Any]]
-
-
 @dataclass(frozen=True)
 class Sheet:
     """The cells of a table.
@@ -178,10 +169,10 @@ class Sheet:
         if heading is not None:
             problem = f'the column {heading!r} has none of the units of {column.words[0]}'
             return RecordingError(self.source, problem, f'convert or rename it to {" or ".join(column.headings)}')
-        got = ', '.join(filter(None, self.heading))[:200]
+        got = ', '.join(filter(None, self.heading))
         names = ','.join(each.headings[0] for each in columns if each.required)
         return RecordingError(
-            self.source, f'there is no column {column.headings[0]!r}, got {got}', f'name them {names}'
+            self.source, f'there is no column {column.headings[0]!r}, got {got:.200}', f'name them {names}'
         )
 
     def unused(self, places: Mapping[str, Place]) -> list[str]:
@@ -190,8 +181,11 @@ class Sheet:
         names = [repr(heading) for index, heading in enumerate(self.heading) if heading and index not in read]
         return [f'columns that are unknown and not used: {", ".join(names)}'] if names else []
 
-    def read(self, places: Mapping[str, Place]) -> Values:
-        """The values of the columns.
+    def read(self, places: Mapping[str, Place]) -> dict[str, Any]:
+        """The values of the columns by name.
+
+        Returns:
+            Of columns of numbers, (n,) each, SI, NaN where a cell is empty; of others a list, None where one is empty.
 
         Raises:
             RecordingError: a row is wrong; it names the line and the column, and how many others are wrong.
@@ -212,8 +206,7 @@ class Sheet:
             also = f'; wrong rows besides: {len(others)}' if others else ''
             remedy = 'correct the table, or begin the line with # to leave it out'
             raise RecordingError(self.source, f'line {line}: {problem}{also}', remedy)
-        numbers = {name: np.array(column) for name, column in values.items() if places[name].column.parse is None}
-        return Values(numbers, {name: column for name, column in values.items() if name not in numbers})
+        return {name: cells if places[name].column.parse else np.array(cells) for name, cells in values.items()}
 
     def _value(self, cells: Sequence[str], place: Place) -> Any:
         cell = cells[place.number] if place.number < len(cells) else ''
@@ -226,9 +219,9 @@ class Sheet:
             value = _number(cell, self.decimal_comma) * place.factor
             if not abs(value) <= column.largest:
                 hint = column.hint if place.factor == 1 else 'check the unit'
-                raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {hint}')
+                raise ValueError(f'{_start(cell)} is too large to be plausible; {hint}')
             if column.positive and value <= 0:
-                raise ValueError(f'expected a number above 0, got {cell.strip()[:40]}')
+                raise ValueError(f'expected a number above 0, got {_start(cell)}')
         except ValueError as error:
             raise ValueError(f'{self.heading[place.number]}: {error}') from error
         return value
@@ -244,7 +237,7 @@ def _number(cell: str, decimal_comma: bool) -> float:
     if decimal_comma and text.count(',') == 1 and '.' not in text:
         text = text.replace(',', '.')
     if not _NUMBER.match(text):
-        raise ValueError(f'expected a number, got {repr(cell.strip()[:40]) if text else "nothing"}')
+        raise ValueError(f'expected a number, got {repr(_start(cell)) if text else "nothing"}')
     return float(text)
 
 
@@ -254,7 +247,7 @@ def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:
     def parse(cell: str) -> str:
         if (text := re.sub(r'[\s_-]', '', cell.lower())) not in choices:
             values = ' or '.join(dict.fromkeys(choices.values()))
-            raise ValueError(f'expected {values}, got {cell.strip()[:40]!r}')
+            raise ValueError(f'expected {values}, got {_start(cell)!r}')
         return choices[text]
 
     return parse
@@ -321,11 +314,16 @@ def parse_table(text: str, source: str, example: str) -> Sheet:
     longest = max(heading, key=len)
     if len(heading) > MAX_COLUMNS or len(longest) > MAX_HEADING:
         problem = f'expected at most {MAX_COLUMNS} columns with headings of {MAX_HEADING} characters'
-        got = f'{len(heading)} columns, the longest heading {longest[:40]!r}'
+        got = f'{len(heading)} columns, the longest heading {_start(longest)!r}'
         raise RecordingError(source, f'{problem}, got {got}', 'shorten the first line')
     if len(rows) < 2:
         raise RecordingError(source, 'there are no rows below the heading', 'give one row for each measurement')
     return Sheet(source, heading, tuple(rows[1:]), separator != ',')
+
+
+def _start(cell: str) -> str:
+    """What a message shows of a cell."""
+    return cell.strip()[:40]
 
 
 def plain(cell: str) -> str:
@@ -348,17 +346,18 @@ def csv_cell(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\r\n\t#') else text
 
 
+_LARGEST_ANGLE = 30.0
 COLUMNS = {
     column.name: column
     for column in (
-        *(Field(f'{q}_rad', (q,), ANGLE, True, largest=30.0, hint=f'name it {q}_deg where it is in degrees')
+        *(Field(f'{q}_rad', (q,), ANGLE, True, largest=_LARGEST_ANGLE, hint=f'name it {q}_deg where it is in degrees')
           for q in ('q1', 'q2')),
         *(Field(f'{x}_m', (x,), LENGTH, True, largest=100.0, hint=f'name it {x}_mm where it is in mm')
           for x in ('x', 'y')),
         *(Field(f'{f}_N', (f,), FORCE, True, largest=1e5) for f in ('fx', 'fy', 'fx_tool', 'fy_tool')),
         Field('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})),
         Field('time_s', ('time',), TIME, largest=1e12),
-        *(Field(name, (name,), SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2')),
+        *(Field(name, (name,), SENSE_OR_ANGLE, largest=_LARGEST_ANGLE) for name in ('approach1', 'approach2')),
         Field('object', ('object',), parse=str.strip),
     )
 }  # fmt: skip
@@ -429,9 +428,8 @@ def _touches(table: Sheet) -> TouchTable:
     cells_of = ((line, [cells[k] for k in needed if k < len(cells)]) for line, cells in table.rows)
     wrong = dict.fromkeys(line for line, cells in cells_of if any(_NOT_FINITE.match(plain(cell)) for cell in cells))
     if wrong:
-        some = ', '.join(map(str, list(wrong)[:8]))
-        some += f' and {len(wrong) - 8} more' * (len(wrong) > 8)
-        notes.append(f'not finite: {len(wrong)} of {len(table.rows)} rows, line {some}; not used')
+        some = f'rows, line {some_of(list(map(str, wrong)))}; not used'
+        notes.append(f'not finite: {len(wrong)} of {len(table.rows)} {some}')
         if 2 * len(wrong) > len(table.rows):
             raise RecordingError(table.source, notes[-1], 'see what writes the table')
     table = replace(table, rows=tuple(row for row in table.rows if row[0] not in wrong))
@@ -443,17 +441,16 @@ def _touches(table: Sheet) -> TouchTable:
         more = f' and {len(empty) - 1} more' if len(empty) > 1 else ''
         notes.append(f'line {empty[0]}{more}: no joint angles and no force; not used')
     table = replace(table, rows=tuple(row for row, full in zip(table.rows, filled, strict=True) if full))
-    numbers, others = table.read(places)
-    time = numbers.get('time_s', np.zeros(len(table.rows)))
+    values = table.read(places)
+    time = values.get('time_s', np.zeros(len(table.rows)))
     unknown = np.isnan(time)
     if unknown.any() and not unknown.all():
         raise RecordingError(table.source, 'time_s: some cells are empty', 'give the time of every touch, or of none')
-    approach = [numbers.get(name, np.zeros(len(time))) for name in ('approach1', 'approach2')]
-    values = np.stack([numbers[name] for name in states], axis=-1)
+    approach = [values.get(name, np.zeros(len(time))) for name in ('approach1', 'approach2')]
     return TouchTable(
-        joints=values[:, :2],
-        force=values[:, 2:],
-        objects=tuple(others.get('object', [''] * len(time))),
+        joints=np.stack([values[name] for name in states[:2]], axis=-1),
+        force=np.stack([values[name] for name in states[2:]], axis=-1),
+        objects=tuple(values.get('object', [''] * len(time))),
         time=np.zeros(len(time)) if unknown.any() else time - time.min(),
         approach=np.nan_to_num(np.stack(approach, axis=-1), nan=0.0),
         lines=tuple(line for line, _ in table.rows),
@@ -526,7 +523,8 @@ def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
     """
     table = load_table(path, ','.join(needed))
     places = _places(table, needed, ('elbow', 'time_s', 'approach1', 'approach2'), blank=False)
-    numbers, others = table.read(places)
+    read = table.read(places)
+    numbers = {name: values for name, values in read.items() if isinstance(values, np.ndarray)}
     width = len(table.heading)
     texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]
     headings = list(table.heading)
@@ -539,7 +537,7 @@ def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
     return PoseTable(
         path,
         numbers,
-        tuple(others['elbow']) if 'elbow' in others else None,
+        tuple(read['elbow']) if 'elbow' in read else None,
         tuple(headings[k] for k in kept),
         tuple(tuple(row[k] for k in kept) for row in texts),
     )

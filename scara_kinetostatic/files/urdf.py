@@ -34,7 +34,7 @@ from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import InputError, did_you_mean, one_line
-from scara_kinetostatic.files.atomic import read_file
+from scara_kinetostatic.files.atomic import KIB, MIB, read_file
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import BASE_FRAME as BASE_FRAME
 from scara_kinetostatic.model.cell import Cell, turned_limits
@@ -42,7 +42,7 @@ from scara_kinetostatic.model.parameters import Parameters
 
 TOOL_FRAME = 'tool0'
 """Frame of the tip; x runs along link 2."""
-NOMINAL_COLOUR = (0.55, 0.55, 0.55, 0.6)
+NOMINAL_COLOUR = (*(0.55,) * 3, 0.6)
 CALIBRATED_COLOUR = (0.0, 0.45, 0.70, 0.9)
 
 Colour = tuple[float, float, float, float]
@@ -125,7 +125,7 @@ def place_of_arm(cell: Cell) -> dict[str, Any]:
     }
 
 
-MOST_BYTES = 16 * 1024**2
+MOST_BYTES = 16 * MIB
 """A larger file is no URDF."""
 _DEEPEST = 100
 """Tags within each other: a URDF has five, what simulators add to it some ten."""
@@ -240,7 +240,7 @@ class RobotDescription:
         while (at := self.text.find('<', at)) >= 0:
             token, last = TOKEN.match(self.text, at), opened[-1]
             if token is None:
-                raise self._error_at(at, f'expected a tag, got {self.text[at : at + 40].split(chr(10))[0]}')
+                raise self._error_at(at, f'expected a tag, got {self.text[at : at + 40].splitlines()[0]}')
             if (name := token['closes']) is not None:
                 if name != last.tag:
                     end = f'</{last.tag}> of line {self._line(self.starts[last])}' if last.tag else 'no end'
@@ -387,7 +387,7 @@ def axis_of(joint: Joint) -> tuple[float, float, float]:
 def _decoded(content: bytes) -> tuple[str, str]:
     """The text of a file and its encoding: by its mark, as it declares, or UTF-8; else Latin-1, of any byte."""
     mark = {b'\xff\xfe': 'utf-16-le', b'\xfe\xff': 'utf-16-be'}.get(content[:2])
-    declared = re.search(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)""", content[:1000])
+    declared = re.search(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)""", content[:KIB])
     for encoding in (mark or (declared[1].decode() if declared else 'utf-8'), 'utf-8'):
         with suppress(LookupError, UnicodeError):
             if (text := content.decode(encoding)).encode(encoding) == content:

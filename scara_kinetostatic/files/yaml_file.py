@@ -27,14 +27,16 @@ from typing import Any, TypeVar
 import yaml
 
 from scara_kinetostatic.errors import InputError, ParameterError
-from scara_kinetostatic.files.atomic import read_file
+from scara_kinetostatic.files.atomic import KIB, read_file
 from scara_kinetostatic.files.tables import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
 
-_MAX_BYTES = 256 * 1024
+_MAX_BYTES = 256 * KIB
 """Largest file that a user writes, bytes."""
 _MOST_VALUES, _MOST_STRINGS = 40_000, 400_000
 """Most values and keys in one that a user writes, and in one of a program: the metadata of 10 000 files has 110 000."""
+_SHOWN = 60
+"""Characters of a value that a message shows."""
 _MAX_DEPTH = 32
 """Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
 _StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
@@ -111,7 +113,7 @@ def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
         problem: the text is not valid, with the line.
     """
     if len(text) > _MAX_BYTES:
-        raise problem(where, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
+        raise problem(where, f'expected at most {_MAX_BYTES // KIB} KiB of YAML, got {len(text)} characters')
     try:
         _check_events(text, yaml.BaseLoader, _MOST_VALUES)
         return yaml.load(text, Loader=_Loader)
@@ -220,6 +222,11 @@ class Within:
     remedy: str = ''
     positive: bool = False
     unit: str = ''
+
+    @classmethod
+    def size(cls, most: float, remedy: str = '', unit: str = '') -> Within:
+        """Numbers of either sign up to a size."""
+        return cls(-most, most, remedy, unit=unit)
 
     def __str__(self) -> str:
         if self.most == math.inf:
@@ -394,4 +401,4 @@ def choice(kind: type[_E]) -> Callable[[MappingReader, str], _E]:
 def shown(value: Any) -> str:
     """A value for a message, shortened."""
     text = repr(value)
-    return text if len(text) <= 60 else text[:57] + '...'
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + '...'

@@ -188,19 +188,42 @@ def remembered(torques: Sequence[tuple[float, float]]) -> list[int]:
     Returns:
         Their places, ascending.
     """
-    return sorted({place for torque in zip(*torques, strict=True) for place in _nested_extremes(torque)})
+    places = set[int]()
+    for torque in zip(*torques, strict=True):
+        found = [*(at - 1 for at in nested_extremes([0.0, *torque])), len(torque) - 1]
+        # what began relaxed forgets an extreme that a later one exceeds on the other side
+        is_wiped = len(found) > 1 and abs(torque[found[0]]) <= abs(torque[found[1]])
+        places.update(found[is_wiped:])
+    return sorted(places)
 
 
-def _nested_extremes(torque: Sequence[float]) -> list[int]:
-    """The largest in size, the opposite extreme after it, and so on to the end; the last of equal ones."""
-    last, back = len(torque) - 1, torque[::-1]
-    high, low = last - back.index(max(torque)), last - back.index(min(torque))
-    found = [max((abs(torque[high]), high), (abs(torque[low]), low))[1]]
-    falling = torque[found[0]] > 0
-    while found[-1] < last:
-        rest = torque[found[-1] + 1 :]
-        found.append(last - back.index(min(rest) if falling else max(rest)))
-        falling = not falling
+def nested_extremes(path: ArrayLike, least: float = 0.0) -> list[int]:
+    """The moments of a path that a memory holds at its end, whatever came before it.
+
+    The largest and the smallest value; from the later one on the opposite extreme of the rest; and so on.
+
+    Args:
+        path: torques, (k,), k >= 1.
+        least: an extreme counts only if the path comes to it and back from it by more than this.
+
+    Returns:
+        Positions in the order of time, without those of the values at which the path starts and ends.
+    """
+    values = np.asarray(path, dtype=float)
+    last, back = len(values) - 1, values[::-1]
+    high, low = last - int(back.argmax()), last - int(back.argmin())
+    found, rising = [min(high, low), max(high, low)], high < low
+    while True:
+        rest = back[: last + 1 - found[-1]]
+        at = last - int(rest.argmax() if rising else rest.argmin())
+        if abs(values[at] - values[found[-1]]) <= least:
+            break
+        found.append(at)
+        rising = not rising
+    while found and abs(values[found[-1]] - values[-1]) <= least:
+        found.pop()
+    while found and abs(values[found[0]] - values[0]) <= least:
+        found.pop(0)
     return found
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.report.quantities import count
 
 Stamps = NDArray[np.int64]
@@ -39,6 +39,8 @@ BestLags = tuple[dict[int, int], dict[int, int]]
 SECOND = 1_000_000_000
 TOLERANCE = SECOND // 4
 """A smaller difference of the clocks or step of one stays, ns: holds last longer."""
+_PAUSE = 5.0
+"""More than so many usual steps from stamp to stamp are no usual one."""
 
 
 class Samples(NamedTuple):
@@ -99,7 +101,7 @@ def _check_steps(source: str, topics: Sequence[str], samples: Sequence[Samples],
         if len(stamp) < 2:
             continue
         steps, between, lag = np.diff(stamp), np.diff(log_time), stamp - log_time
-        is_step = (steps > 5.0 * np.median(steps)) & (between < 5.0 * np.median(between)) & (time_offset is None)
+        is_step = (steps > _PAUSE * np.median(steps)) & (between < _PAUSE * np.median(between)) & (time_offset is None)
         back = -int(steps.min())
         ahead = int((lag[1:] - np.maximum.accumulate(lag)[:-1])[is_step].max(initial=0))
         if max(back, ahead) > TOLERANCE:
@@ -189,21 +191,16 @@ def on_one_clock(
         kept.append(one.select(~stray) if stray.any() else one)
     clock = _common_clock(source, topics, kept, time_offset, best or ({}, {}))
     warnings += [clock.warning] if clock.warning else []
-    found = []
+    found = list[Timed]()
     for topic, (stamp, log_time, values), offset in zip(topics, kept, (0, clock.offset), strict=True):
-        found.append(_in_order(topic, (log_time if clock.by_log_time else stamp) + offset, values, warnings))
+        time = (log_time if clock.by_log_time else stamp) + offset
+        _say(warnings, topic, int(np.sum(np.diff(time) < 0)), 'out of order, sorted')
+        order = np.argsort(time, kind='stable')
+        repeated = np.append(False, np.diff(time[order]) == 0)
+        _say(warnings, topic, int(repeated.sum()), 'dropped whose stamp is that of another')
+        first = order[~repeated]
+        found.append((read_only(time[first]), read_only(values[first])))
     return found, clock
-
-
-def _in_order(topic: str, stamp: Stamps, values: Floats, warnings: list[str]) -> Timed:
-    _say(warnings, topic, int(np.sum(np.diff(stamp) < 0)), 'out of order, sorted')
-    order = np.argsort(stamp, kind='stable')
-    repeated = np.append(False, np.diff(stamp[order]) == 0)
-    _say(warnings, topic, int(repeated.sum()), 'dropped whose stamp is that of another')
-    stamp, values = stamp[order[~repeated]], values[order[~repeated]]
-    stamp.flags.writeable = False
-    values.flags.writeable = False
-    return stamp, values
 
 
 def _say(warnings: list[str], topic: str, number: int, what: str) -> None:
@@ -213,7 +210,7 @@ def _say(warnings: list[str], topic: str, number: int, what: str) -> None:
 def strays(stamp: Stamps) -> Mask:
     """Which stamps are zero among others that are not, or far off those before and after, (n,)."""
     steps = np.diff(stamp)
-    limit = max(TOLERANCE, 5.0 * float(np.median(np.abs(steps)))) if len(steps) else 0.0
+    limit = max(TOLERANCE, _PAUSE * float(np.median(np.abs(steps)))) if len(steps) else 0.0
     far = np.where(np.abs(steps) > limit, np.sign(steps), 0)
     stray = (stamp == 0) & bool(2 * np.count_nonzero(stamp) > len(stamp))
     stray[1:-1] |= far[1:] * far[:-1] < 0
@@ -235,7 +232,7 @@ def longest_wait(log_time: Stamps) -> int:
     usual = float(np.median(counts[counts > 0])) if counts.any() else 0.0
     near = counts[np.abs(counts - usual) <= 0.3 * usual]
     period = width / float(near.mean()) if near.any() else 0.0
-    at = np.flatnonzero(pause > max(TOLERANCE, 5.0 * period))
+    at = np.flatnonzero(pause > max(TOLERANCE, _PAUSE * period))
     came = np.searchsorted(time, time[at + 1] + 3 * pause[at], side='right') - at - 2
     most = int((came * period - 3.0 * pause[at]).max(initial=0.0))
     return most if most > TOLERANCE else 0
@@ -243,7 +240,7 @@ def longest_wait(log_time: Stamps) -> int:
 
 _BOTH = 2
 """In place of the number of a joint, 0 or 1: the message has both."""
-_NEVER = -(1 << 62)
+NEVER = int(np.iinfo(np.int64).min) // 2
 
 
 class JointParts:
@@ -287,12 +284,12 @@ class JointParts:
         done = np.append(self._done, np.zeros(len(good), bool))[used]
         rows, angle, time = rows.select(used), angle[used], time[used]
         place = np.maximum.accumulate(np.where(angle, np.arange(len(time))[:, None], -1), axis=0)
-        common = np.where(place < 0, _NEVER, time[place])[kept:].min(axis=1).max(initial=_NEVER)
+        common = np.where(place < 0, NEVER, time[place])[kept:].min(axis=1).max(initial=NEVER)
         which, order = np.where(angle.all(axis=1), _BOTH, angle[:, 1]), np.argsort(time, kind='stable')
         due = order[(((time <= common) | (which == _BOTH)) & ~done)[order]]
         samples = self._samples(rows, time, order, due[self._give_samples(which[due])])
         done[due] = True
-        since = min([int(time[done & column][-1]) if (done & column).any() else _NEVER for column in angle.T])
+        since = min([int(time[done & column][-1]) if (done & column).any() else NEVER for column in angle.T])
         later: Mask = time >= since
         self._rows, self._done = rows.select(later), done[later]
         return samples if stamped else samples._replace(stamp=np.zeros_like(samples.stamp)), problems

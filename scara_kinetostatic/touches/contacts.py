@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.streams import (
@@ -206,7 +206,7 @@ def coarse_tare(signals: Signals) -> Floats:
 
 def grid_means(joints: Signal, wrench: Signal) -> tuple[Floats, Floats, Floats]:
     """Time (k,), s, mean force (k, 2), N, and joint travel (k,), rad, of every interval with force samples."""
-    size = max(Thresholds.grid, 2.5 * wrench.period)
+    size = max(Thresholds.grid, Thresholds.samples * wrench.period)
     first, last = _equal_runs((wrench.time // size).astype(np.intp))
     count = (last - first + 1)[:, None]
     force = np.add.reduceat(wrench.value, first, axis=0) / count
@@ -281,7 +281,7 @@ class TurningZero(NamedTuple):
         n, is_tool = cell.nominal, cell.sensor.frame is SensorFrame.TOOL
         if not self.force:
             return []
-        sign = -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        sign = cell.sensor.sign.factor
         mass = -sign * self.force * np.exp(1j * (n.theta1 + n.theta2)) / complex(*n.gravity)
         if is_tool and abs(mass.imag) < 0.3 * abs(mass.real):
             what = 'does not know' if mass.real > 0 else 'takes off too much for'

@@ -34,10 +34,12 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.outline import PER_ANGLE
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import MILLI, NANO, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time, stacked_histories
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.contacts import CONTACT_FORCE, TurningZero, find_contacts, find_turning_zero
-from scara_kinetostatic.touches.holds import Defect, TouchCandidate, find_candidates
+from scara_kinetostatic.touches.holds import Episode as Episode
+from scara_kinetostatic.touches.holds import find_episodes
 from scara_kinetostatic.touches.load_history import LoadMemory, approach_of_hold, load_history
 from scara_kinetostatic.touches.streams import NAMES, Signals, Streams, Thresholds, as_signals
 
@@ -64,7 +66,7 @@ class Association(NamedTuple):
         nearest = cell.discs[int(self.disc[number])].name
         if self.both[number]:
             return f'in an inner corner of {nearest!r} the tip touches both edges: touch it farther from the corner'
-        return f'no object there; the nearest, {nearest!r}, is {1e3 * self.miss[number]:.0f} mm away'
+        return f'no object there; the nearest, {nearest!r}, is {self.miss[number] / MILLI:.0f} mm away'
 
 
 def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
@@ -87,19 +89,14 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
     return Association(disc, posture(cell.nominal, joints), miss, known, both)
 
 
-def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:
-    """m_d of every touch and disc, (n, m, 2), m, and F/|F| in the base frame, (n, 2)."""
-    force = cell.sensor.frame.to_base(force, joints, parameters)
-    unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
-    if cell.has_outlines:
-        return cell.surfaces.misses(forward(parameters, joints), unit, PER_ANGLE), unit
-    place = cell.centers[None] - cell.radii[None, :, None] * unit[:, None]
-    return forward(parameters, joints)[:, None] - place, unit
-
-
 def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Indices, Floats]:
     """The disc with the smallest miss, (n,), and that miss less what an oblique force explains, (n,), m."""
-    misses, unit = _misses(parameters, joints, force, cell)
+    force, tip = cell.sensor.frame.to_base(force, joints, parameters), forward(parameters, joints)
+    unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
+    if cell.has_outlines:
+        misses = cell.surfaces.misses(tip, unit, PER_ANGLE)
+    else:
+        misses = tip[:, None] - (cell.centers[None] - cell.radii[None, :, None] * unit[:, None])
     surface = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
     miss = misses[np.arange(len(surface)), surface]
     radial = np.sum(miss * unit, axis=1)
@@ -111,25 +108,6 @@ def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: C
 
 DISCARDED = 'discarded while recording'
 """Reason of a touch that was accepted and then discarded."""
-
-
-@dataclass(frozen=True)
-class Episode:
-    """Where one touch lies in the recording, used or rejected; times in s since its first stamp.
-
-    Attributes:
-        index: number of the touch.
-        contact: begin and end of the contact.
-        hold: begin and end of the hold; of the contact where there is none.
-        reason: why the touch is rejected; empty if it is not.
-        kind: of the reason (`Rejection.kind`).
-    """
-
-    index: int
-    contact: tuple[float, float]
-    hold: tuple[float, float]
-    reason: str = ''
-    kind: str = ''
 
 
 @dataclass(frozen=True)
@@ -240,19 +218,16 @@ def find_touches(
     turning = min(known or TurningZero(), find_turning_zero(signals, cell), key=lambda found: found.std)
     signals = turning.out_of(signals, cell)
     contacts = find_contacts(signals)
-    candidates, weak = find_candidates(signals, contacts)
-    _reject_moved_joints(candidates, streams, signals.start, cell)
-    held = _held_touches(signals, candidates, cell)
+    episodes, weak = find_episodes(signals, contacts)
+    _reject_moved_joints(episodes, streams, signals.start, cell)
+    held = _held_touches(signals, episodes, cell)
     _check_axes(streams, held, cell)
-    before, memories = load_history(signals, candidates, cell, earlier)
-    states = [[] if candidates[k].defect else [turn.state for turn in before.get(k, ())] for k in held.index.tolist()]
+    before, memories = load_history(signals, episodes, cell, earlier)
+    states = [[] if episodes[k].reason else [turn.state for turn in before.get(k, ())] for k in held.index.tolist()]
     detection = Detection(
         held.replace(history=stacked_histories(states, held.joints)),
-        tuple(
-            Episode(number, c.contact, c.span, **(c.defect._asdict() if c.defect else {}))
-            for number, c in enumerate(candidates)
-        ),
-        warnings=(*signals.warnings, *turning.remarks(cell), *_warnings(contacts.spikes, weak, candidates)),
+        tuple(episodes),
+        warnings=(*signals.warnings, *turning.remarks(cell), *_warnings(contacts.spikes, weak, episodes)),
         start=signals.start,
         memories=memories,
         turning=turning,
@@ -281,22 +256,22 @@ def _check_axes(streams: Streams, held: TouchSet, cell: Cell) -> None:
         raise RecordingError(streams.source, f'{problem}: the sensor lies on its side', remedy)
 
 
-def _reject_moved_joints(candidates: list[TouchCandidate], streams: Streams, start: int, cell: Cell) -> None:
+def _reject_moved_joints(episodes: list[Episode], streams: Streams, start: int, cell: Cell) -> None:
     """Rejects in the list those in which a joint that is to be held is elsewhere before the hold has ended."""
     joints, moved = streams.joints, streams.joints.moved(cell)
     if joints.others is None or not moved.any():
         return
-    time, others = 1e-9 * (joints.stamp[moved] - start), joints.others[moved]
-    for number, one in enumerate(candidates):
-        during = (time >= one.contact[0]) & (time <= one.span[1])
-        if not one.defect and during.any():
-            candidates[number] = one._replace(defect=Defect('other joint', cell.moved_joint(others[during][0])))
+    time, others = NANO * (joints.stamp[moved] - start), joints.others[moved]
+    for number, one in enumerate(episodes):
+        during = (time >= one.contact[0]) & (time <= one.hold[1])
+        if not one.reason and during.any():
+            episodes[number] = replace(one, reason=cell.moved_joint(others[during][0]), kind='other joint')
 
 
 def _without_discarded(detection: Detection, stamps: Sequence[int]) -> Detection:
     """The detection without the touches in whose holds these stamps lie; a warning where there is none."""
     begin, end = np.array([one.hold for one in detection.episodes]).reshape(-1, 2).T
-    time = 1e-9 * (np.array(stamps)[:, None] - detection.start)
+    time = NANO * (np.array(stamps)[:, None] - detection.start)
     inside = (begin <= time) & (time <= end)
     found = detection.without({detection.episodes[number].index for number in np.nonzero(inside)[1]}, DISCARDED)
     lost = int(np.sum(~inside.any(axis=1)))
@@ -310,22 +285,22 @@ def no_touches() -> TouchSet:
     return TouchSet(none, none, np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp))
 
 
-def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell) -> TouchSet:
-    """The candidates with a steady hold, with their discs; those that meet none are rejected in the list."""
-    index = [number for number, candidate in enumerate(candidates) if not candidate.defect]
-    if not index:
+def _held_touches(signals: Signals, episodes: list[Episode], cell: Cell) -> TouchSet:
+    """Those with a steady hold, with their discs; those that meet none are rejected in the list."""
+    holds = {number: one.steady for number, one in enumerate(episodes) if one.steady is not None and not one.reason}
+    if not holds:
         return no_touches()
-    sign = -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-    holds = [hold for number in index if (hold := candidates[number].hold) is not None]
-    joints, force = np.array([hold.joints for hold in holds]), sign * np.array([hold.force for hold in holds])
+    sign = cell.sensor.sign.factor
+    index, means = list(holds), list(holds.values())
+    joints, force = np.array([hold.joints for hold in means]), sign * np.array([hold.force for hold in means])
     found = associate(joints, force, cell)
     for place in np.flatnonzero(~found.known).tolist():
-        defect = Defect('no object', found.reason(place, cell))
-        candidates[index[place]] = candidates[index[place]]._replace(defect=defect)
-    ends = np.unique([candidate.contact[1] for candidate in candidates])
+        one = episodes[index[place]]
+        episodes[one.index] = replace(one, reason=found.reason(place, cell), kind='no object')
+    ends = np.unique([one.contact[1] for one in episodes])
     step, movements = signals.resolution, []
-    for number, hold in zip(index, holds, strict=True):
-        contact = candidates[number].contact[0]
+    for number, hold in holds.items():
+        contact = episodes[number].contact[0]
         earliest = float(ends[ends <= contact].max(initial=-np.inf))
         movements.append(approach_of_hold(signals.joints, hold, contact, earliest, step))
     approach, press = np.swapaxes(movements, 0, 1)
@@ -334,23 +309,23 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
         force=force,
         disc=found.disc,
         posture=found.posture,
-        time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in holds]),
+        time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in means]),
         index=np.array(index),
         approach=approach,
         press=press,
-        joint_scatter=np.array([p.joint_scatter for p in holds]),
-        force_scatter=np.array([p.force_scatter for p in holds]),
-        samples=np.array([p.samples for p in holds]),
+        joint_scatter=np.array([p.joint_scatter for p in means]),
+        force_scatter=np.array([p.force_scatter for p in means]),
+        samples=np.array([p.samples for p in means]),
     )
 
 
-def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[str]:
+def _warnings(spikes: int, weak: int, episodes: list[Episode]) -> list[str]:
     warnings = [f'{spikes} spikes of the force are too short for a touch and were ignored'] * bool(spikes)
     warnings += [f'{weak} weak forces during a motion of the arm are no touches and were ignored'] * bool(weak)
-    if 2 * sum(c.defect is not None and c.defect.kind == 'no object' for c in candidates) > len(candidates):
+    if 2 * sum(one.kind == 'no object' for one in episodes) > len(episodes):
         keys = 'sensor.frame, sensor.sign, the joint names and the places of the objects'
         warnings.append(f'most touches meet no object: check {keys}')
-    zeros = np.array([candidate.tare.force for candidate in candidates if candidate.tare is not None])
+    zeros = np.array([one.tare.force for one in episodes if one.tare is not None])
     change = float(np.ptp(zeros, axis=0).max()) if len(zeros) else 0.0
     if change > 1.0:
         warnings.append(f'the zero of the force sensor changes by {change:.1f} N within the recording')
@@ -363,7 +338,7 @@ def order_in_time(parts: Sequence[Detection]) -> Indices | None:
         return np.zeros(1, dtype=np.intp)
     begins = np.array([part.start for part in parts], dtype=np.int64)
     lasts = [max((max(one.hold[1], one.contact[1]) for one in part.episodes), default=0.0) for part in parts]
-    ends = begins + np.array([int(1e9 * last) for last in lasts], dtype=np.int64)
+    ends = begins + np.array([int(SECOND * last) for last in lasts], dtype=np.int64)
     order = np.argsort(begins, kind='stable')
     known = bool(np.all(begins > 0) and np.all(ends[order[:-1]] <= begins[order[1:]]))
     return order if known else None

@@ -12,6 +12,7 @@ a slow press before it, its steady parts are found by means over longer times.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -102,11 +103,12 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
         return [], _too_short(lasting, 'under load for')
     if len(found) == 1 and found[0].duration > s.brief:
         return [], _too_short(found[0].duration)
-    if (part := float(at_rest[span].mean())) < float(steady[span].mean()):
-        resting = f'they do during only {int(100 * part)} % of the contact, as in a slide'
+    percent, percent_steady = (100 * float(one[span].mean()) for one in (at_rest, steady))
+    if percent < percent_steady:
+        resting = f'they do during only {int(percent)} % of the contact, as in a slide'
         return [], Defect('unsteady', f'the joints do not rest: {resting}')
-    part = float(steady[span].mean())
-    return [], Defect('unsteady', f'no steady force: it is steady during only {int(100 * part)} % of the contact')
+    steady_part = f'it is steady during only {int(percent_steady)} % of the contact'
+    return [], Defect('unsteady', f'no steady force: {steady_part}')
 
 
 def _changes(signals: Signals, tare: Tare, time: Floats, window: float) -> tuple[Floats, float, Floats]:
@@ -191,33 +193,39 @@ def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
     return bool(same_force and np.abs(one.joints - other.joints).max() <= Thresholds.same_joint)
 
 
-class TouchCandidate(NamedTuple):
-    """A hold of a contact, or a contact without one, that may become a touch.
+@dataclass(frozen=True)
+class Episode:
+    """Where one touch lies in the recording, used or rejected; times in s since its first stamp.
 
     Attributes:
-        contact: begin and end of the contact, s.
+        index: number of the touch.
+        contact: begin and end of the contact.
+        hold: begin and end of the hold; of the contact where there is none.
+        reason: why the touch is rejected; empty if it is not.
+        kind: of the reason (`Rejection.kind`).
         tare: the zero of the force before it; None where unknown.
-        hold: the hold; None if there is none.
-        defect: why it is rejected; None if it is not.
+        steady: what is measured in the hold; None where there is none.
     """
 
+    index: int
     contact: tuple[float, float]
-    tare: Tare | None
-    hold: Hold | None
-    defect: Defect | None
+    hold: tuple[float, float]
+    reason: str = ''
+    kind: str = ''
+    tare: Tare | None = field(default=None, repr=False, compare=False)
+    steady: Hold | None = field(default=None, repr=False, compare=False)
 
-    @property
-    def span(self) -> tuple[float, float]:
-        """Begin and end of the hold, s; of the contact where there is none."""
-        return (self.hold.begin, self.hold.end) if self.hold else self.contact
+    def rejected(self, defect: Defect | None) -> Episode:
+        """The same with its defect, where there is one."""
+        return self if defect is None else replace(self, reason=defect.reason, kind=defect.kind)
 
     @property
     def counts(self) -> bool:
         """Whether it is steady, or its readings are missing or frozen, so that nothing says more."""
-        return self.defect is None or self.defect.kind in ('gap', 'frozen')
+        return not self.reason or self.kind in ('gap', 'frozen')
 
 
-def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
+def find_episodes(signals: Signals, contacts: Contacts) -> tuple[list[Episode], int]:
     """Every hold of every contact, and every contact without a hold, in the order of time.
 
     Contacts without a hold, with far less force than any hold (`Thresholds.weak_force`) and while the joints move far
@@ -228,52 +236,54 @@ def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCan
         contacts: its contacts.
 
     Returns:
-        The candidates, and the number of contacts left out.
+        They, and the number of contacts left out.
     """
-    found = _all_candidates(signals, contacts)
-    loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.defect]
-    held = [c.contact[1] for c in found if c.hold is not None]
+    found = _all_episodes(signals, contacts)
+    holds = [(one, one.steady) for one in found if one.steady is not None]
+    loads = [float(np.hypot(*hold.force)) for one, hold in holds if not one.reason]
+    held = [one.contact[1] for one, _ in holds]
     weak = contacts.peak < Thresholds.weak_force * min(loads, default=0.0)
     weak &= ~np.isin(contacts.end, held) & (contacts.travel > Thresholds.weak_travel)
-    return (_all_candidates(signals, contacts.select(~weak)) if weak.any() else found), int(weak.sum())
+    found = _all_episodes(signals, contacts.select(~weak)) if weak.any() else found
+    return [replace(one, index=number) for number, one in enumerate(found)], int(weak.sum())
 
 
-def _all_candidates(signals: Signals, contacts: Contacts) -> list[TouchCandidate]:
-    found = []
+def _all_episodes(signals: Signals, contacts: Contacts) -> list[Episode]:
+    found = list[Episode]()
     previous = -np.inf
     for begin, end in zip(contacts.begin.tolist(), contacts.end.tolist(), strict=True):
         tare = tare_before(signals, begin, previous)
         if isinstance(tare, str):
-            found.append(TouchCandidate((begin, end), None, None, Defect('no tare', tare)))
+            found.append(Episode(0, (begin, end), (begin, end), tare, 'no tare'))
         else:
-            found += _candidates_of_contact(signals, tare, begin, end)
+            found += _of_contact(signals, tare, begin, end)
         previous = end
     return found
 
 
-def _candidates_of_contact(signals: Signals, tare: Tare, begin: float, end: float) -> list[TouchCandidate]:
-    """The candidates of one contact: its holds, or a single rejected one where all of them are rejected."""
+def _of_contact(signals: Signals, tare: Tare, begin: float, end: float) -> list[Episode]:
+    """The touches of one contact: its holds, or a single rejected one where all of them are rejected."""
     holds, why = find_holds(signals, tare, begin, end)
     contact = (tare.contact, end)
     if not holds:
-        return [TouchCandidate(contact, tare, None, _gap(signals, tare.contact, end) or why)]
+        return [Episode(0, contact, contact, tare=tare).rejected(_gap(signals, *contact) or why)]
     parts = [_judged(signals, tare, contact, hold) for hold in holds]
     return [part for part in parts if part.counts] or _steady_parts(signals, tare, parts) or parts[:1]
 
 
-def _judged(signals: Signals, tare: Tare, contact: tuple[float, float], hold: Hold) -> TouchCandidate:
+def _judged(signals: Signals, tare: Tare, contact: tuple[float, float], hold: Hold) -> Episode:
     """A hold with what its readings lack, or what changes slowly."""
     defect = _gap(signals, contact[0], hold.end) or _frozen(signals, tare, hold) or _slow_change(signals, tare, hold)
-    return TouchCandidate(contact, tare, hold, defect)
+    return Episode(0, contact, (hold.begin, hold.end), tare=tare, steady=hold).rejected(defect)
 
 
-def _steady_parts(signals: Signals, tare: Tare, slow: list[TouchCandidate]) -> list[TouchCandidate]:
+def _steady_parts(signals: Signals, tare: Tare, slow: list[Episode]) -> list[Episode]:
     """The steady parts of holds that all change slowly, by means over the longest time that shows some."""
-    window = 0.25 * max(part.span[1] - part.span[0] for part in slow)
+    window = 0.25 * max(part.hold[1] - part.hold[0] for part in slow)
     while window > signals.window:
         found = []
         for whole in slow:
-            time = signals.wrench.time[signals.wrench.stretch(whole.span[0] + window, whole.span[1] - window)]
+            time = signals.wrench.time[signals.wrench.stretch(whole.hold[0] + window, whole.hold[1] - window)]
             if len(time) < 2:
                 continue
             _, noise, changes = _changes(signals, tare, time, window)

@@ -22,11 +22,12 @@ from numpy.polynomial.polynomial import polyfit
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import jacobian
-from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.model.touch import nested_extremes, remembered, torques_of
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.contacts import Tare
-from scara_kinetostatic.touches.holds import Hold, TouchCandidate
+from scara_kinetostatic.touches.holds import Episode, Hold
 from scara_kinetostatic.touches.streams import SMOOTHING, Signal, Signals, Thresholds, median_of_three, moving_mean
 
 SMALLEST_REVERSAL = 5e-6
@@ -153,7 +154,7 @@ class _ContactLoad:
         inside = wrench.stretch(contact[0], np.nextafter(contact[1], np.inf))
         rows = slice(max(inside.start - half, 0), inside.stop + half)
         force = moving_mean(wrench.value[rows] - tare.force, 2 * half + 1)
-        force *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        force *= cell.sensor.sign.factor
         inner = slice(half, len(force) - half)
         self._start, self.time = signals.start, wrench.time[rows][inner]
         angles = [np.interp(self.time, signals.joints.time, column) for column in joints.T]
@@ -183,7 +184,7 @@ class _ContactLoad:
     def unloaded(self) -> Turn:
         """The end of the contact: no load."""
         state = (*self._value[-1, :2].tolist(), 0.0, 0.0)
-        return Turn(self._start + round(1e9 * float(self.time[-1])) + 1, state, (0.0, 0.0))
+        return Turn(self._start + round(SECOND * float(self.time[-1])) + 1, state, (0.0, 0.0))
 
     def turns(self, end: int, torques: Sequence[float]) -> _Turns:
         """The turns of either joint's torque from the begin of the contact to a sample, where the torques are these."""
@@ -206,44 +207,14 @@ class _ContactLoad:
         near = self._value[first:end]
         top = near.mean(axis=0) if len(near) < 5 else polyfit(np.linspace(-1.0, 1.0, len(near)), near, 2)[0]
         value = top.tolist()
-        stamp = self._start + round(1e9 * float(self.time[at]))
+        stamp = self._start + round(SECOND * float(self.time[at]))
         turn = Turn(stamp, tuple(value[:4]), (value[4], value[5]))
         self._ranges.append((first, end, turn))
         return turn
 
 
-def nested_extremes(path: ArrayLike, least: float = 0.0) -> list[int]:
-    """The moments of a path that a memory holds at its end, whatever came before it.
-
-    The largest and the smallest value; from the later one on the opposite extreme of the rest; and so on.
-
-    Args:
-        path: torques, (k,), k >= 1.
-        least: an extreme counts only if the path comes to it and back from it by more than this.
-
-    Returns:
-        Positions in the order of time, without those of the values at which the path starts and ends.
-    """
-    values = np.asarray(path, dtype=float)
-    last, back = len(values) - 1, values[::-1]
-    high, low = last - int(back.argmax()), last - int(back.argmin())
-    found, rising = [min(high, low), max(high, low)], high < low
-    while True:
-        rest = back[: last + 1 - found[-1]]
-        at = last - int(rest.argmax() if rising else rest.argmin())
-        if abs(values[at] - values[found[-1]]) <= least:
-            break
-        found.append(at)
-        rising = not rising
-    while found and abs(values[found[-1]] - values[-1]) <= least:
-        found.pop()
-    while found and abs(values[found[0]] - values[0]) <= least:
-        found.pop(0)
-    return found
-
-
 def load_history(
-    signals: Signals, candidates: Sequence[TouchCandidate], cell: Cell, earlier: LoadMemory | None = None
+    signals: Signals, episodes: Sequence[Episode], cell: Cell, earlier: LoadMemory | None = None
 ) -> tuple[dict[int, _Turns], tuple[LoadMemory, ...]]:
     """The load before every hold of a recording.
 
@@ -251,26 +222,26 @@ def load_history(
 
     Args:
         signals: the recording.
-        candidates: every hold and every contact without one, in the order of time.
+        episodes: every hold and every contact without one, in the order of time.
         cell: nominal parameters, frame and sign of the sensor.
         earlier: of streams whose beginning was dropped: what the joints remember from then. Contacts that began before
             its stamp are contained in it.
 
     Returns:
-        The turns before each candidate with a hold, by its number; and the memory after each contact.
+        The turns before each hold, by its number; and the memory after each contact.
     """
     memory, memories = earlier or LoadMemory(), []
     before: dict[int, _Turns] = {}
     joints = median_of_three(signals.joints.value)
-    tare = next((candidate.tare for candidate in candidates if candidate.tare is not None), None)
-    for contact, group in groupby(enumerate(candidates), key=lambda item: item[1].contact):
+    tare = next((one.tare for one in episodes if one.tare is not None), None)
+    for contact, group in groupby(enumerate(episodes), key=lambda item: item[1].contact):
         parts = list(group)
         tare = parts[0][1].tare or tare
         if tare is None:
             continue
-        holds = {number: part.hold for number, part in parts if part.hold is not None}
+        holds = {number: part.steady for number, part in parts if part.steady is not None}
         load = _ContactLoad(signals, joints, contact, tare, list(holds.values()), cell)
-        if not len(load.time) or signals.start + 1e9 * load.time[0] <= memory.stamp:
+        if not len(load.time) or signals.start + SECOND * load.time[0] <= memory.stamp:
             continue
         for number, hold in holds.items():  # a disturbance of the hold counts
             first, end = np.searchsorted(load.time, hold.intervals[-1]).tolist()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.touches.clock import SECOND, BestLags, ClockStepError, Samples, on_one_clock
+from scara_kinetostatic.touches.clock import NEVER, SECOND, BestLags, ClockStepError, Samples, on_one_clock
 from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO, TurningZero, coarse_tare
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
 from scara_kinetostatic.touches.load_history import LoadMemory
@@ -35,7 +35,6 @@ from scara_kinetostatic.touches.streams import (
 
 _CLEAR = SECOND // 7
 """A contact is over when the force has been back at its zero for so long, ns."""
-_NEVER = -(1 << 62)
 
 
 class SampleBuffer:
@@ -94,9 +93,9 @@ class SampleBuffer:
 
     def latest(self, span: int) -> Floats:
         """The values of the last so many ns, at least one, (k, 2)."""
-        values = self.samples.values[-2048:]
-        recent = self.times[-2048:] > self.now - span
-        return values[recent] if recent.any() else values[-1:]
+        recent = self.times > self.now - span
+        recent[-1:] |= not recent.any()
+        return self.samples.values[recent]
 
     def drop_before(self, time: int) -> None:
         """Drops the samples that came before the first one with this time or a later one."""
@@ -196,7 +195,7 @@ class OnlineDetector:
         self._tare: Floats | None = None
         self._width = 1
         self._in_contact = False
-        self._reported = self._searched = _NEVER
+        self._reported = self._searched = NEVER
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float], log_time: int | None = None) -> None:
         """One sample of q1, q2, rad, and the cell's other joints, as far as they are known.
@@ -245,7 +244,7 @@ class OnlineDetector:
         samples = wrench.samples
         if not new or not len(samples.stamp):
             return False
-        self._searched = int(samples.log_time[0]) if self._searched == _NEVER else self._searched
+        self._searched = int(samples.log_time[0]) if self._searched == NEVER else self._searched
         waited = int(samples.log_time[-1]) - self._searched
         if self._tare is None or waited > self._horizon // 2:
             return waited > SECOND // 2
@@ -272,7 +271,7 @@ class OnlineDetector:
         streams = self._pair.streams('online', at_end=open_too)
         self.clock_warning = self._pair.problem
         received = self._pair.wrench.samples.log_time
-        self._searched = int(received[-1]) if len(received) else _NEVER
+        self._searched = int(received[-1]) if len(received) else NEVER
         signals = None if streams is None else as_signals(streams, self._cell)
         if streams is None or signals is None:
             self._pair.forget(self._horizon)
@@ -288,7 +287,9 @@ class OnlineDetector:
 
     def _new(self, detection: Detection, latest: int) -> Detection:
         """The touches of a detection that have not been reported and whose contact had ended at `latest`, ns."""
-        contacts = [detection.start + np.round(1e9 * np.array(one.contact)).astype(int) for one in detection.episodes]
+        contacts = [
+            detection.start + np.round(SECOND * np.array(one.contact)).astype(int) for one in detection.episodes
+        ]
         self._in_contact = any(end > latest for _, end in contacts)
         new = [n for n, (begin, end) in enumerate(contacts) if begin > self._reported and end <= latest]
         self._reported = max([self._reported, *(int(contacts[number][1]) for number in new)])

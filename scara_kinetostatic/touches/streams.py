@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.parameters import NANO
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class WrenchFrame:
         start = frame_id.lstrip('/')
         frame, name, turn = self._known_frame(start)
         axes = self._plane[:2] @ turn if frame is self._stated and name != start else self._axes
-        return None if np.allclose(axes, np.eye(3)[:2], rtol=0, atol=1e-9) else axes
+        return None if np.allclose(axes, np.eye(3)[:2], rtol=0, atol=NANO) else axes
 
     def description(self, frame_id: str) -> str:
         """How the forces are turned, in words; empty where they are not."""
@@ -216,7 +217,7 @@ class WrenchFrame:
                 for name, turn in turns.items():
                     called = {name, name.rpartition('/')[2], name.removeprefix(self._prefix)}
                     if usual in called:
-                        is_doubtful = any(not np.allclose(other, turn, rtol=0, atol=1e-9) for other in nearer)
+                        is_doubtful = any(not np.allclose(other, turn, rtol=0, atol=NANO) for other in nearer)
                         return (None, name, turns[start]) if is_doubtful else (frame, name, turn)
                     if frame is self._stated is SensorFrame.BASE and len(usuals) > 1 and called.isdisjoint(usuals):
                         nearer += [turn] if name.endswith(usuals) else []
@@ -260,6 +261,9 @@ class Thresholds:
     before a contact."""
     few: int = 5
     """So few samples or periods make no estimate: of a zero, of frozen readings, of a gap."""
+
+    samples: float = 2.5
+    """A mean is over so many samples or more."""
 
     grid: float = 0.025
     """Interval over which force and joint travel are taken together for the coarse zero."""
@@ -330,7 +334,7 @@ class Thresholds:
     weak_travel: float = 0.03
     """in which a joint moves by more than this, is not a touch: the force is that of the arm's acceleration."""
     samples_of_hold: int = 10
-    """Of the slower topic under load, needed to find a hold: means of 2.5 samples before and after."""
+    """Of the slower topic under load, needed to find a hold: means of `samples` before and after."""
 
     largest_miss_nominal: float = 0.08
     """A touch belongs to a disc if its miss with the nominal geometry is at most this."""
@@ -415,7 +419,7 @@ class Signals(NamedTuple):
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
         longest = max(self.joints.period, self.wrench.period)
-        return max(SMOOTHING, 2.5 * longest)
+        return max(SMOOTHING, Thresholds.samples * longest)
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
@@ -434,7 +438,7 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     start = min(int(np.min(stamp)) for stamp in stamps)
     topics, warnings = list[Signal](), list[str]()
     for name, stamp, samples in zip(names, stamps, (streams.joints.position, streams.wrench.force), strict=True):
-        time, value = 1e-9 * (stamp - start).astype(np.float64), np.asarray(samples, dtype=float)
+        time, value = NANO * (stamp - start).astype(np.float64), np.asarray(samples, dtype=float)
         kept = np.flatnonzero(np.isfinite(value).all(axis=1))
         kept = kept[np.argsort(time[kept], kind='stable')]
         kept = kept[np.diff(time[kept], prepend=-np.inf) > 0]
@@ -450,13 +454,9 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     if common < 0.5 * max(joints.time[-1] - joints.time[0], wrench.time[-1] - wrench.time[0]):
         warnings.append(f'{joints.name} and {wrench.name} have only {max(common, 0.0):.1f} s in common by their stamps')
     filtered = wrench._replace(value=median_of_three(wrench.value))
-    return Signals(joints, wrench, filtered, start, tuple(warnings), _resolution(joints))
-
-
-def _resolution(joints: Signal) -> float:
-    """Resolution of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
     gaps = [np.diff(np.unique(np.round(column, 12))) for column in joints.value.T]
-    return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
+    resolution = max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)  # of the coarser encoder
+    return Signals(joints, wrench, filtered, start, tuple(warnings), resolution)
 
 
 def _period(time: Floats) -> float:

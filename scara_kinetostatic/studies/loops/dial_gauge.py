@@ -150,7 +150,7 @@ def load_readings(table: Sheet, **defaults: str | float) -> GaugeTable:
     """
     places = table.find(COLUMNS)
     values = table.read(places)
-    cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
+    cells: dict[str, list[Any]] = {name: list(several) for name, several in values.items()}
     absent = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
     for name, default in (absent | defaults).items():
         given = cells.get(name, [None] * len(table.rows))

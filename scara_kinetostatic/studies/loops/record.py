@@ -473,7 +473,7 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
     if len({match[1] for match in joints if match}) > 1:
         problem = f'{one} and {other} are columns of two joints'
         raise RecordingError(table.source, problem, 'choose those of one joint, or rename one if they belong together')
-    values = table.read({kind: place for kind, (_, _, place) in found.items()}).numbers
+    values = table.read({kind: place for kind, (_, _, place) in found.items()})
     steps = np.abs(np.diff(values['response'], prepend=values['response'][0]))
     if unit == 'rad' and steps.max() > np.pi:
         line = table.rows[int(steps.argmax())][0]
