@@ -36,9 +36,10 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import Cell, EffectSizes, Lift, SizeMode, Uncertainty
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import MOMENTS, Parameters
+from scara_kinetostatic.model.kinematics import forward, posture
+from scara_kinetostatic.model.parameters import MOMENTS
 from scara_kinetostatic.model.tip import direct_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
@@ -185,20 +186,24 @@ def run(seed: int, options: Options) -> dict[str, object]:
         row['z'] = dict(zip(names, np.round(off / std, 2).tolist(), strict=True))
         row['largest_z'] = float(np.nanmax(np.abs(off / std)))
         row['not_determined'] = [name for name, value in zip(names, std, strict=True) if not np.isfinite(value)]
-        row['tip_before_um'], row['tip_after_um'] = tip_errors(final, truth.parameters, random)
+        row['tip_before_um'], row['tip_after_um'] = tip_errors(final, truth, random)
     return row
 
 
-def tip_errors(final: Calibration, truth: Parameters, random: np.random.Generator) -> tuple[float, float]:
-    """Of the tip under 40 N at 500 poses around the objects, rms, with nominal values and with the estimates, µm."""
+def tip_errors(final: Calibration, truth: ExtendedModel, random: np.random.Generator) -> tuple[float, float]:
+    """Of the tip under 40 N at 500 poses around the objects, rms, with nominal values and with the estimates, µm.
+
+    The truth has all effects of the robot.
+    """
     centers, (low, high) = final.cell.centers, np.array(final.cell.limits or [(-np.pi, np.pi)] * 2).T
     joints = random.uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (20000, 2))
-    places = forward(truth, joints)
+    places = forward(truth.parameters, joints)
     joints = joints[((places > centers.min(axis=0)) & (places < centers.max(axis=0))).all(axis=1)][:500]
     angle = random.uniform(-np.pi, np.pi, len(joints))
     force = 40.0 * np.array([np.cos(angle), np.sin(angle)]).T
-    tip, _ = direct_kinetostatics(truth, joints, force)
-    found = [Predictor(final.arm, nominal=nominal).locate(joints, force) for nominal in (True, False)]
+    metadata = TouchMetadata.plain(len(joints))._replace(posture=posture(truth.parameters, joints))
+    tip, _ = direct_kinetostatics(truth, joints, force, metadata=metadata)
+    found = [Predictor(final.arm, nominal=nominal).locate(joints, force, metadata) for nominal in (True, False)]
     before, after = (float(1e6 * np.sqrt(np.nanmean(((one.position - tip) ** 2).sum(axis=1)))) for one in found)
     return before, after
 

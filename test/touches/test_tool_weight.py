@@ -104,7 +104,8 @@ def test_stated_weight_is_taken(sign):
         for _ in range(3):
             senses.add_force(0.1 * number, 0.1 * number, cell.tool_pull(np.array(joints)) + np.array([2.0, -1.0]))
         if number == 2:
-            assert senses.tare(0.2) == pytest.approx(np.hypot(2.0, 1.0))
+            senses.now = 0.2
+            assert senses.tare() == pytest.approx(np.hypot(2.0, 1.0))
     assert senses.force == pytest.approx(0.0, abs=1e-9)
 
 
