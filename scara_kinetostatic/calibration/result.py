@@ -168,10 +168,11 @@ class Calibration:
 
         What has been worked out is kept where these do not alter it; the projection is `point`, where that is given.
         """
-        other, known = replace(self, **changes), vars(self) if point is None else {**vars(self), 'projection': point}
-        for name, fields in _FOLLOWS_FROM.items():
-            if name in known and (not changes.keys() & fields or (name == 'projection' and point is not None)):
-                vars(other)[name] = known[name]
+        other = replace(self, **changes)
+        kept = {name for name, fields in _FOLLOWS_FROM.items() if not changes.keys() & fields}
+        vars(other).update((name, known) for name, known in vars(self).items() if name in kept)
+        if point is not None:
+            vars(other)['projection'] = point
         return other
 
     def __repr__(self) -> str:

@@ -137,8 +137,6 @@ def _folder(text: str) -> Path:
     return Path(text)
 
 
-NANO = 1e-9
-"""Seconds of a nanosecond."""
 SEVERAL = {'action': 'append', 'default': []}
 """Of an option that may be given several times."""
 MAX_BYTES: Option = (

@@ -15,7 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, NANO, cell_option, print_result
+from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, cell_option, print_result
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.bags.reader import open_recording, read_streams, recorded_cell
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.files.tables import is_touch_table
+    from scara_kinetostatic.model.parameters import NANO
     from scara_kinetostatic.pipeline import gather_touches
     from scara_kinetostatic.touches.detection import cell_of_files, find_touches
 

@@ -21,7 +21,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import NANO, SEED, cell_option, cell_or_paper, whole
+from scara_kinetostatic.cli.arguments import SEED, cell_option, cell_or_paper, whole
 from scara_kinetostatic.errors import OutputError
 
 ARGUMENTS = (
@@ -42,6 +42,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
+    from scara_kinetostatic.model.parameters import NANO
     from scara_kinetostatic.simulation.mujoco import preload_plan, scene_named, simulate_streams, truth_of_scene
     from scara_kinetostatic.simulation.truth import dump, truth_named
 

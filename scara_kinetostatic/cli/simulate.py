@@ -17,7 +17,7 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import NANO, SEED, SEVERAL, cell_option, cell_or_paper, real, whole
+from scara_kinetostatic.cli.arguments import SEED, SEVERAL, cell_option, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
 _OUT = 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'
@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
+    from scara_kinetostatic.model.parameters import NANO
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan, load_plan
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
