@@ -144,7 +144,7 @@ def chi_square_increase(setup: Setup, simulated: SimulatedEffects) -> float:
     observations: Observations = observe(simulate(setup, simulated, Noise(0.0, 0.0)), setup.cell)
     start = ExtendedModel(setup.truth)
     subspace, noise = Subspace(start.as_array(), np.diag(scales_of(start))), setup.cell.noise or NOISE
-    fit = minimise(observations, start, project(observations, start, noise).adjusted, subspace, noise, FINAL)
+    fit = minimise(observations, project(observations, start, noise), subspace, noise, FINAL)
     return float(fit.point.distance.sum()) / (2 * len(setup.plan) - len(NAMES))
 
 

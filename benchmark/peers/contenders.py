@@ -25,7 +25,7 @@ from scipy.optimize import fsolve, least_squares
 from benchmark.common import CELL, NOISE, peak_memory, repeat, reset_peak_memory
 from benchmark.peers.problem import Prepared, Problem, Solution, simulated
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.fit_point import COARSE, FINAL
+from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
@@ -55,9 +55,11 @@ def minimisation(problem: Problem) -> Prepared:
         observations = observe(problem.touches, CELL)
         everything = Subspace(START, np.diag(SCALES))
         start = ExtendedModel(CELL.nominal)
-        near = minimise(observations, start, first_guess(observations, start), everything, NOISE, COARSE)
+        first = evaluate(observations, start, first_guess(observations, start), NOISE, COARSE)
+        near = minimise(observations, first, everything, NOISE, COARSE)
         adjusted = as_radial(observations, near.point.model, near.point.adjusted.state)
-        fit = minimise(observations, near.point.model, adjusted, everything, NOISE, FINAL)
+        point = evaluate(observations, near.point.model, adjusted, NOISE)
+        fit = minimise(observations, point, everything, NOISE, FINAL)
         iterations = near.iterations + fit.iterations
         return Solution(fit.point.parameters.as_array(), iterations, fit.termination.value == 'converged')
 

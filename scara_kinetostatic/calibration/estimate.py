@@ -22,11 +22,12 @@ from scara_kinetostatic.calibration.fit_point import (
     ROBUST,
     Point,
     Stage,
+    evaluate,
     fitted_surfaces,
     project,
     select,
 )
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, as_radial, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import Whitened, as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.noise_estimation import (
     USUAL_NOISE,
@@ -129,13 +130,13 @@ def estimate(
             that they determine less than half of them.
     """
     everything = Subspace.of_free(start, free, scales_of(start))
-    observations, model, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
+    observations, point, now, iterations = _begin(observations, cell, start, everything, warm_start)
     limits, most = 0, 60 if warm_start is None else 30  # one that converges takes ten or less, mostly
     for number in range(_ROUNDS + 1):
-        fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used, most)
-        model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
-        observations = observations.with_errors(fit.point.errors)
-        distance = studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
+        fit = minimise(observations, point, now.subspace, now.noise, now.stage, now.used, most)
+        point, iterations = fit.point, iterations + fit.iterations
+        observations = observations.with_errors(point.errors)
+        distance = studentised(point.whitened, covariance_of_fit(fit, now.subspace), now.used)
         at_limit = warm_start is not None and fit.termination is not Termination.CONVERGED
         limits = limits + 1 if at_limit else 0
         if limits == 2:
@@ -156,7 +157,10 @@ def estimate(
                     f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
                     'touch several discs, from all sides, in both postures and at two or more force levels',
                 )
-            model = following.subspace.project(model, scales_of(start))
+            model = following.subspace.project(point.model, scales_of(start))
+            point = evaluate(observations, model, point.adjusted, following.noise)
+        elif following.noise is not now.noise:
+            point = point.with_noise(following.noise)
         now = following
         if now.used.sum() < fewest_touches(parameters := now.subspace.basis.shape[1]):
             raise UnsupportedDataError(
@@ -169,25 +173,27 @@ def estimate(
 
 def _begin(
     observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
-) -> tuple[Observations, ExtendedModel, Adjusted, _Round, int]:
-    """Touches, model, adjusted observations to begin with, the first round, and the steps so far."""
+) -> tuple[Observations, Point, _Round, int]:
+    """Touches and point to begin with, the first round, and the steps so far."""
     none = np.empty((everything.basis.shape[1], 0))
     if warm_start is not None:
         noise = as_stated(warm_start.noise, cell.noise)
         first = _Round(FINAL, warm_start.used, noise, everything, none)
         errors = observations.errors if warm_start.errors is None else warm_start.errors
         observations = observations.with_errors(errors)
-        return observations, warm_start.model, project(observations, warm_start.model, noise).adjusted, first, 0
+        return observations, project(observations, warm_start.model, noise), first, 0
     noise = cell.noise or USUAL_NOISE
     # at first all that the cell description says counts as exactly known
     stated = observations._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
     some = _few_of_each(observations)
-    fit = minimise(stated, start, first_guess(stated, start), everything, noise, COARSE, some)
+    near = evaluate(stated, start, first_guess(stated, start), noise, COARSE)
+    fit = minimise(stated, near, everything, noise, COARSE, some)
     first = _Round(ROBUST, some, noise, everything, none)
     if cell.has_outlines:
         observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
     adjusted = as_radial(observations, fit.point.model, fit.point.adjusted.state)
-    return observations.with_errors(observations.errors), fit.point.model, adjusted, first, fit.iterations
+    observations = observations.with_errors(observations.errors)
+    return observations, evaluate(observations, fit.point.model, adjusted, noise), first, fit.iterations
 
 
 def _few_of_each(observations: Observations) -> Mask:

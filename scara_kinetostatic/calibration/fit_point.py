@@ -82,7 +82,7 @@ class Stage(NamedTuple):
 
 
 COARSE = Stage(adjusts=False, robust=True, tolerance=0.3, per_touch=0.3, damping=1.0)
-ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, per_touch=0.1, damping=1.0)
+ROBUST = Stage(adjusts=True, robust=True, tolerance=0.3, per_touch=0.3, damping=1.0)
 FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
 
 
@@ -109,6 +109,13 @@ class Point(NamedTuple):
         """Model and declared errors after a change of all values, (12 + k + m,)."""
         values = self.model.as_array()
         return self.model.with_array(values + change[: len(values)]), self.errors + change[len(values) :]
+
+    def with_noise(self, noise: Noise) -> Point:
+        """The same point, whitened with another noise."""
+        (l11, l21, l22), (first, second) = self.whitened.root, self.whitened.residual.T
+        misclosure = np.array([l11 * first, l21 * first + l22 * second]).T
+        whitened = whiten(self.linear._replace(misclosure=misclosure), noise)
+        return self._replace(whitened=whitened, distance=squared_distance(whitened))
 
     @property
     def parameters(self) -> Parameters:

@@ -46,8 +46,8 @@ def held_out_force_error(calibration: Calibration) -> HeldOut:
     residual = np.empty((n, 2))
     for fold in range(folds):
         kept = c.observe(places[part != fold])
-        start = select(c.projection, places[part != fold]).adjusted
-        fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
+        start = select(c.projection, places[part != fold])
+        fit = minimise(kept, start, c.subspace, c.noise, FINAL)
         left = c.observe(places[part == fold]).with_errors(fit.point.errors)
         residual[part == fold] = force_residual(left, fit.point.model)
     return HeldOut(force_error(residual), folds)

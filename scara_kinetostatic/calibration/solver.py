@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import Prior
-from scara_kinetostatic.calibration.fit_point import Point, Stage, evaluate, last_step, moved
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted
+from scara_kinetostatic.calibration.fit_point import Point, Stage, last_step, moved
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -195,8 +194,7 @@ def _is_negligible(shift: float, history: list[float]) -> bool:
 
 def minimise(
     observations: Observations,
-    start: ExtendedModel,
-    adjusted: Adjusted,
+    start: Point,
     subspace: Subspace,
     noise: Noise,
     stage: Stage,
@@ -207,8 +205,7 @@ def minimise(
 
     Args:
         observations: the touches, with the declared errors to start from.
-        start: the model to start from.
-        adjusted: adjusted observations to start from (`first_guess`, or those of an earlier run).
+        start: the point to start from, whitened with `noise`.
         subspace: the changes allowed.
         noise: σ_q and σ_f.
         stage: which run this is.
@@ -221,9 +218,9 @@ def minimise(
     loss = _Loss(stage.robust, None if used is None or used.all() else used, ActivePrior.of(observations, subspace))
     basis = subspace.with_errors(len(observations.errors))
     # effects may be far from linear; at an optimum where they have a kink, steps do not become short
-    per_touch, is_smooth = 0.0 if start.effects else stage.per_touch, all(effect.is_smooth for effect in start.effects)
+    effects, point = start.model.effects, start
+    per_touch, is_smooth = 0.0 if effects else stage.per_touch, all(effect.is_smooth for effect in effects)
     tolerance = max(stage.tolerance, per_touch * sqrt(len(observations.joints)))
-    point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = loss.system(point, basis)
     now, damping, history, least = loss.cost(point, scale), stage.damping, list[float](), list[float]()
     termination = Termination.ITERATION_LIMIT
