@@ -56,6 +56,7 @@ from scara_kinetostatic.calibration.result import (
 )
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
+from scara_kinetostatic.diagnosis.odds import NEEDED
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import columns_of
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
@@ -86,6 +87,8 @@ state 1.02 times what is so predicted (median); in an earlier trial all of it ga
 """
 _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
+_CLEARLY = 2 * np.log(NEEDED)
+"""By which the deviance of the first linearisation is to be less than that of the last one, for it to be the result."""
 _LOST = 1000.0
 """Mean squared distance of the touches from which no step has led back: of 440 fits that settle the largest is 192."""
 _MOST_STEPS = 8
@@ -181,7 +184,7 @@ def _settled(
     """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, is_free = _with_random_effects(c, model, known)
     sizes = _sizes_of(latest, len(c.model.effects), is_free, freedoms)
-    logs, first = _first_logs(latest, sizes), 0.0
+    logs, first, begun = _first_logs(latest, sizes), 0.0, None
     if begin is not None and begin.fit.random is not None:
         size, own = begin.fit.random.size / _random_sizes(latest), _of_random(latest, sizes.group)
         # far from these the likelihood has other maxima: the columns are those of the first linearisation
@@ -199,6 +202,7 @@ def _settled(
         solved = _solve(latest, c, sizes, logs, levels, expected)
         logs, shift = solved.logs, _shift(latest, solved)
         moved, is_whole = _closer(latest, _moved(latest, solved, c.noise))
+        begun = begun or (moved, solved)
         if number == most - 1:
             break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
@@ -211,7 +215,12 @@ def _settled(
             latest = latest.changed(random=_with_random_effects(latest, latest.model, known)[0].random)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
-    return _result(moved, c, solved, is_converged=is_whole and (most == 1 or shift < 1.0))
+    found = _result(moved, c, solved, is_converged=is_whole and (most == 1 or shift < 1.0))
+    if begun is None or begun[1] is solved or begin is not None or len(model.effects) > len(c.model.effects):
+        return found
+    # small effects together may imitate a gross one, which the touches show where the fit began
+    other = _result(begun[0], c, begun[1], is_converged=True)
+    return min(found, other, key=lambda one: one.deviance + (_CLEARLY if one is other else 0.0))
 
 
 def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[Effect]) -> tuple[Calibration, Mask]:
