@@ -23,7 +23,7 @@ from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.gaussian.linear_model import size_prior
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, Disc, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, P2, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.comparison import compare
@@ -80,6 +80,20 @@ def test_without_effects_everything_is_as_the_fit_has_it(capfd):
     np.testing.assert_allclose(found.covariance, fit.covariance, rtol=1e-3, atol=1e-3 * np.abs(fit.covariance).min())
     assert diagnose(fit).refitted is None
     assert capfd.readouterr() == ('', '')  # LAPACK complains of matrices without rows
+
+
+def test_small_effects_together_do_not_imitate_friction():
+    """At the last linearisation soft discs and a bent sensor, far beyond their sizes, explain it as well."""
+    places = ((0.242, -0.116, 0.056), (-0.307, -0.051, 0.053), (0.158, 0.399, 0.106))
+    discs = tuple(Disc(f'disc_{k + 1}', *place, 3e-6, 3e-6) for k, place in enumerate(places))
+    limits = ((-2.71, 2.71), (-2.79, 2.79))
+    cell = replace(CELL, nominal=PAPER_NOMINAL.replace(l1=0.3705, l2=0.2519), discs=discs, limits=limits)
+    zeros = {'x0': -0.0048, 'theta1': 0.00156, 'theta2': 0.00223, 'l1': 0.371, 'l2': 0.25184}
+    soft = {'p_ee': 7e-6, 'p1': 7.6e-6, 'p2': 3.3e-5, 'g_ee': 1.7e-4, 'g1': 5.7e-5, 'g2': 2.4e-4}
+    arm = PAPER_NOMINAL.replace(**zeros, **soft)
+    true = ExtendedModel(arm, (find(cell, 'contact_friction'),), ((0.03,),))
+    touches = simulate_touches(cell, true, default_plan(cell, 18), seed=1)
+    check_explained(diagnose(calibrate(touches, cell)), 'contact_friction', (0.03,), arm)
 
 
 def test_the_contributions_add_up():
