@@ -96,6 +96,7 @@ class _Round(NamedTuple):
         stage: what is minimised.
         used: touches that take part, (n,).
         noise: σ_q and σ_f.
+        off_normal: standard deviation of the off-normal angles, rad; 0 without.
         subspace: the changes of the model allowed.
         unidentifiable: directions left out, (k, d).
     """
@@ -103,12 +104,14 @@ class _Round(NamedTuple):
     stage: Stage
     used: Mask
     noise: Noise
+    off_normal: float
     subspace: Subspace
     unidentifiable: Floats
 
     def is_similar(self, following: _Round, tolerance: float) -> bool:
         """Whether the outliers are as before, and the noise levels but for a relative change."""
-        pairs = zip(self.noise.levels, following.noise.levels, strict=True)
+        levels, others = ((*one.noise.levels, one.off_normal) for one in (self, following))
+        pairs = zip(levels, others, strict=True)
         same = all(abs(after - before) <= tolerance * before for before, after in pairs)
         return same and bool((self.used == following.used).all())
 
@@ -150,6 +153,7 @@ def estimate(
         # the fit has changed nothing of what it took as given, but for noise levels that have converged
         if is_last or (is_same and now.stage is FINAL and now.is_similar(following, 1e-3)):
             break
+        model = point.model
         if not is_same:
             parameters, lost = following.unidentifiable.shape
             if 2 * lost > parameters:
@@ -157,7 +161,9 @@ def estimate(
                     f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
                     'touch several discs, from all sides, in both postures and at two or more force levels',
                 )
-            model = following.subspace.project(point.model, scales_of(start))
+            model = following.subspace.project(model, scales_of(start))
+        model = model.with_off_normal_std(following.off_normal)
+        if model is not point.model:
             point = evaluate(observations, model, point.adjusted, following.noise)
         elif following.noise is not now.noise:
             point = point.with_noise(following.noise)
@@ -178,7 +184,7 @@ def _begin(
     none = np.empty((everything.basis.shape[1], 0))
     if warm_start is not None:
         noise = as_stated(warm_start.noise, cell.noise)
-        first = _Round(FINAL, warm_start.used, noise, everything, none)
+        first = _Round(FINAL, warm_start.used, noise, warm_start.model.off_normal_std, everything, none)
         errors = observations.errors if warm_start.errors is None else warm_start.errors
         observations = observations.with_errors(errors)
         return observations, project(observations, warm_start.model, noise), first, 0
@@ -188,7 +194,7 @@ def _begin(
     some = _few_of_each(observations)
     near = evaluate(stated, start, first_guess(stated, start), noise, COARSE)
     fit = minimise(stated, near, everything, noise, COARSE, some)
-    first = _Round(ROBUST, some, noise, everything, none)
+    first = _Round(ROBUST, some, noise, start.off_normal_std, everything, none)
     if cell.has_outlines:
         observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
     adjusted = as_radial(observations, fit.point.model, fit.point.adjusted.state)
@@ -219,9 +225,9 @@ def _next_round(
     number: int,
 ) -> _Round:
     """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
-    noise = now.noise
-    if estimated_levels(noise, cell.noise):
-        noise = _update_noise(observations, fit.point, now, cell)
+    noise, off_normal = now.noise, now.off_normal
+    if off_normal or estimated_levels(noise, cell.noise):
+        noise, off_normal = _update_noise(observations, fit.point, now, cell)
     # while the noise converges a direction may be freed, an outlier taken back; later the two could alternate for ever
     good, late = find_good(distance), number >= 4
     if late:
@@ -235,12 +241,14 @@ def _next_round(
     if directions.shape == before.shape and (  # in late rounds, as many are the same
         late or float(np.abs(directions - before @ (before.T @ directions)).max(initial=0.0)) <= 1e-3
     ):
-        return _Round(FINAL, good, noise, now.subspace, now.unidentifiable)
-    return _Round(FINAL, good, noise, everything.without(directions), directions)
+        return _Round(FINAL, good, noise, off_normal, now.subspace, now.unidentifiable)
+    return _Round(FINAL, good, noise, off_normal, everything.without(directions), directions)
 
 
-def _update_noise(observations: Observations, point: Point, now: _Round, cell: Cell) -> Noise:
-    """The noise levels by the residuals of the good touches; those that the cell states are kept."""
+def _update_noise(observations: Observations, point: Point, now: _Round, cell: Cell) -> tuple[Noise, float]:
+    """The noise levels by the residuals of the good touches, those that the cell states are kept; and the standard
+    deviation of the off-normal angles, rad.
+    """
     good = now.used & find_good(point.distance)
     if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
         point = select(point, good)
@@ -250,7 +258,8 @@ def _update_noise(observations: Observations, point: Point, now: _Round, cell: C
     system = least_squares.compress(point.whitened.jacobian, point.whitened.residual, basis=basis, prior=known)
     fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
     rows = None if known is None else known[:, :-1]
-    return raised(estimate_noise(point, fitted, now.noise, cell.noise, rows), cell, observations.joints)
+    noise, off_normal = estimate_noise(point, fitted, now.noise, cell.noise, rows)
+    return raised(noise, cell, observations.joints), off_normal
 
 
 def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:

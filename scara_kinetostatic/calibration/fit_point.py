@@ -86,6 +86,10 @@ ROBUST = Stage(adjusts=True, robust=True, tolerance=0.3, per_touch=0.3, damping=
 FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
 
 
+_ROUNDS = 6
+"""In which touches are adjusted to a given model at most: all that do not alternate settle in three, mostly."""
+
+
 class Point(NamedTuple):
     """The adjustment evaluated at one model.
 
@@ -175,40 +179,47 @@ def select(point: Point, which: Mask | Indices | slice) -> Point:
     return Point(point.model, *pick(point[1:5], which), point.errors)
 
 
-def project(observations: Observations, model: ExtendedModel, noise: Noise) -> Point:
+def project(observations: Observations, model: ExtendedModel, noise: Noise, near: Point | None = None) -> Point:
     """Adjust the observations alone, L̄ held: the nearest point of the model to each touch.
 
     Args:
         observations: any touches, good or bad.
         model: the model.
         noise: σ_q and σ_f, the measure of distance.
+        near: the same touches adjusted to a model close to this one, to begin at; None to begin without.
     """
-    held = observations.with_errors_held()
     with np.errstate(all='ignore'):
+        if near is not None:
+            point = _in_rounds(observations, model, near, noise)
+            if np.isfinite(point.distance).all():
+                return point
+        held = observations.with_errors_held()
         point = evaluate(held, model, first_guess(held, model), noise, COARSE)
         point = evaluate(held, model, as_radial(held, model, point.adjusted.state), noise)
-        # five rounds suffice for forces along the normal; with off-normal angles some touches need more
-        point, moving = _in_rounds(held, point, noise, 5)
-        if len(moving):
-            rest, _ = _in_rounds(held.select(moving), select(point, moving), noise, 15)
-            point = Point(model, *put(point[1:5], moving, rest[1:5]), point.errors)
+        point = _in_rounds(held, model, point, noise)
         return point if held is observations else evaluate(observations, model, point.adjusted, noise)
 
 
-def _in_rounds(observations: Observations, point: Point, noise: Noise, rounds: int) -> tuple[Point, Indices]:
-    """Touches adjusted in some rounds at most, L̄ held, and which of them the last one has still moved.
+def _in_rounds(observations: Observations, model: ExtendedModel, point: Point, noise: Noise) -> Point:
+    """Touches adjusted to a model in some rounds, L̄ held, from a point of it or of one close by.
 
-    A round leaves some 1e-4 of the change of the one before.
+    A round leaves some 1e-4 of the change of the one before. Near a kink of the model a touch may alternate between two
+    places: the nearer one is taken.
     """
-    still, change = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors)), point.distance
-    for _ in range(rounds):
-        before, model = point.distance, point.model
-        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still)
+    values = dict(zip(model.names, model.as_array().tolist(), strict=True))
+    names = zip(point.model.names, point.model.as_array().tolist(), strict=True)
+    errors = observations.errors[: len(point.errors)] - point.errors
+    step = np.concatenate([[values.get(name, value) - value for name, value in names], errors])
+    for _ in range(_ROUNDS):
+        before, expected = point, last_step(point, step).distance
+        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, step)
         point = evaluate(observations, model, adjusted, noise, arm=arm)
-        change = np.abs(point.distance - before) / (1 + point.distance)
-        if (change < 1e-6).all():
-            break
-    return point, np.flatnonzero(change > 1e-3)
+        moving = ~(np.abs(point.distance - expected) <= 1e-3 * (1 + point.distance))
+        if not moving.any():
+            return point
+        step = np.zeros(point.whitened.derivative.shape[2] + len(point.errors))
+    nearer = np.flatnonzero(moving & (before.distance < point.distance))
+    return Point(model, *put(point[1:5], nearer, select(before, nearer)[1:5]), point.errors)
 
 
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:

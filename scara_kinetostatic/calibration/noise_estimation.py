@@ -1,14 +1,15 @@
 """The noise levels estimated from the residuals: variance components by REML.
 
 The covariance of a misclosure is V = Σ_l σ_l² V_l with known V_l: h_Q h_Qᵀ of the joints, h_F h_Fᵀ of the force,
-and ‖F‖² h_F h_Fᵀ of noise that grows with the force. Restricted
+‖F‖² h_F h_Fᵀ of noise that grows with the force, and h_α h_αᵀ of random off-normal angles. Restricted
 maximum likelihood finds the levels from the residuals of the fit, accounting for the parameters fitted.
 One round solves
 
     Σ_l tr(P V_k P V_l) σ_l² = rᵀ V⁻¹ V_k V⁻¹ r,   P = V⁻¹ - V⁻¹ J C Jᵀ V⁻¹,
 
 and rounds are repeated with the fit until it converges. Joints and force are well separated: along the
-force both act, across it the force's noise alone. What is stated, and random off-normal angles, make up the rest of V.
+force both act, across it the force's noise alone. Off-normal angles act across it, by the more the larger the disc,
+the force's noise the less the larger the force. What is stated makes up the rest of V.
 
 Source: Förstner's and Helmert's variance component estimation; Koch, Parameter
 Estimation and Hypothesis Testing in Linear Models (1999), section 3.6.
@@ -25,10 +26,9 @@ from scara_kinetostatic.model.cell import Cell, Noise
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the cell does not give it: the first guess of an estimation, and the noise of simulated touches."""
-_LEAST = {'joint': 1e-8, 'force': 1e-5, 'force_relative': 1e-6}
-"""The least that a noise level is taken to be, rad, N and 1: joint readings may repeat to the last bit, and below this
-the weights would be those of rounding errors."""
-
+_LEAST = {'joint': 1e-8, 'force': 1e-5, 'force_relative': 1e-6, 'off_normal': 1e-4}
+"""The least that a noise level is taken to be, rad, N, 1 and rad: joint readings may repeat to the last bit, and below
+this the weights would be those of rounding errors; no sensor resolves smaller off-normal angles."""
 
 _FINEST_STEP = float(np.sqrt(12.0)) * 1e-5
 """Finer steps of the readings are harmless, rad: their noise is below the usual one."""
@@ -92,25 +92,30 @@ def as_stated(noise: Noise, stated: Noise | None) -> Noise:
 
 def estimate_noise(
     point: Point, covariance: Floats, noise: Noise, stated: Noise | None = None, prior: Floats | None = None
-) -> Noise:
+) -> tuple[Noise, float]:
     """One round of REML at a fit.
 
     Args:
-        point: the used touches, whitened with `noise`.
+        point: the used touches, whitened with `noise`; where its model has random off-normal angles, their standard
+            deviation is estimated as well.
         covariance: C of the parameters in the scale of its Jacobian, (12 + k + m, 12 + k + m).
         noise: the levels so far.
         stated: what the cell description says of them, which is kept; None for nothing.
         prior: derivatives of what is known besides, with unit variances, (p, 12 + k + m); None for nothing.
 
     Returns:
-        The levels that the residuals call for, each within a factor of 10 of before.
+        The levels that the residuals call for, and the standard deviation of the off-normal angles, rad, each within a
+        factor of 10 of before.
     """
-    linear, whitened, free = point.linear, point.whitened, estimated_levels(noise, stated)
-    size = np.array([max(getattr(noise, key), _LEAST[key]) ** 2 for key in free])
-    by = {'joint': linear.by_joints, 'force': linear.by_force}
-    parts = [whitened_square(by[key] if key in by else growing(linear), whitened.root) for key in free]
+    linear, whitened, off_normal = point.linear, point.whitened, point.model.off_normal_std
+    by = {'joint': linear.by_joints, 'force': linear.by_force, 'force_relative': growing(linear)}
+    old = {key: getattr(noise, key) for key in estimated_levels(noise, stated)}
+    if linear.by_off_normal is not None:
+        old['off_normal'], by['off_normal'] = off_normal, linear.by_off_normal[..., None] / off_normal
+    size = np.array([max(level, _LEAST[key]) ** 2 for key, level in old.items()])
+    parts = [whitened_square(by[key], whitened.root) for key in old]
     parts.append(np.eye(2) - np.tensordot(size, np.array(parts), 1))  # V less these
-    r, jacobian, count = whitened.residual, whitened.jacobian, len(free)
+    r, jacobian, count = whitened.residual, whitened.jacobian, len(old)
     weighted = [part @ jacobian for part in parts]
     normals = [np.einsum('nik,nil->kl', jacobian, w) @ covariance for w in weighted]
     if prior is None:
@@ -118,10 +123,10 @@ def estimate_noise(
     else:  # tr(I - J C Jᵀ): more is known of the parameters than the touches say
         freedoms = r.size - float(np.einsum('nik,nil,kl->', jacobian, jacobian, covariance, optimize=True))
     factor = float(np.sqrt(float((r**2).sum()) / max(freedoms, 1)))
-    same_ratio = noise if stated else _bounded(noise, {key: factor * getattr(noise, key) for key in free})
     # the ratio of the levels is kept, and only their size estimated
+    same_ratio = np.array(list(old.values())) * (1.0 if stated else factor)
     if freedoms < 10:
-        return same_ratio
+        return _bounded(noise, old, same_ratio)
     matrix = np.empty((count, count + 1))
     for k in range(count):
         for j in range(count + 1):
@@ -133,8 +138,8 @@ def estimate_noise(
         vector -= [np.trace(normal @ prior.T @ prior @ covariance) for normal in normals[:count]]
     matrix = matrix[:, :count]
     if np.linalg.eigvalsh(matrix * np.outer(size, size)).min() <= 0:  # some act alike: no telling them apart
-        return same_ratio
-    return _bounded(noise, dict(zip(free, np.sqrt(_distinguishable(matrix, vector)).tolist(), strict=True)))
+        return _bounded(noise, old, same_ratio)
+    return _bounded(noise, old, np.sqrt(_distinguishable(matrix, vector)))
 
 
 def growing(linear: Linearisation) -> Floats:
@@ -161,7 +166,11 @@ def _distinguishable(matrix: Floats, vector: Floats) -> Floats:
     return solution
 
 
-def _bounded(old: Noise, levels: dict[str, float]) -> Noise:
-    """A noise with new levels, each within a factor of 10 of the old one and not below the least."""
-    bounds = {key: (getattr(old, key) / 10.0, getattr(old, key) * 10.0) for key in levels}
-    return old._replace(**{key: max(_LEAST[key], float(np.clip(levels[key], *bounds[key]))) for key in levels})
+def _bounded(noise: Noise, old: dict[str, float], levels: Floats) -> tuple[Noise, float]:
+    """A noise with new levels, (l,), each within a factor of 10 of the old one and not below the least; and that of the
+    off-normal angles, 0 where there are none.
+    """
+    pairs = zip(old.items(), levels.tolist(), strict=True)
+    found = {key: max(_LEAST[key], min(max(new, before / 10.0), before * 10.0)) for (key, before), new in pairs}
+    off_normal = found.pop('off_normal', 0.0)
+    return noise._replace(**found), off_normal

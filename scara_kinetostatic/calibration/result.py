@@ -166,11 +166,14 @@ class Calibration:
     def changed(self, point: Point | None = None, **changes: Any) -> Calibration:
         """The calibration with other values of some fields.
 
-        What has been worked out is kept where these do not alter it; the projection is `point`, where that is given.
+        What has been worked out is kept where these do not alter it. The projection is `point`, where that is given;
+        else a new one of the same touches begins at the one before.
         """
         other = replace(self, **changes)
         kept = {name for name, fields in _FOLLOWS_FROM.items() if not changes.keys() & fields}
         vars(other).update((name, known) for name, known in vars(self).items() if name in kept)
+        if 'projection' in vars(self) and not changes.keys() & {'cell', 'touches'}:
+            vars(other)['_near'] = self.projection
         if point is not None:
             vars(other)['projection'] = point
         return other
@@ -344,7 +347,7 @@ class Calibration:
     @cached_property
     def projection(self) -> Point:
         """All touches, outliers too, adjusted to the model with the noise of the fit."""
-        return project(self.observe(), self.model, self.noise)
+        return project(self.observe(), self.model, self.noise, vars(self).pop('_near', None))
 
     @cached_property
     def undetermined(self) -> Floats:

@@ -20,7 +20,6 @@ components, Verbeke and Molenberghs, Biometrics 59 (2003) 254.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,12 +30,7 @@ from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by, 
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.noise_estimation import growing
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.linear_problem import (
-    FORCE_LEVELS,
-    INDEPENDENT_PART_CAUTIOUS,
-    SIGNIFICANCE,
-    fitted_effects,
-)
+from scara_kinetostatic.diagnosis.linear_problem import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Dependence
 from scara_kinetostatic.gaussian.linear_model import blocks, f_test, independent_part, orthonormal
 from scara_kinetostatic.model.arrays import Floats
@@ -232,8 +226,4 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
     Off-normal angles may depend on anything; a test for a lack of fit is to use the other half of the residual.
     """
     # a standard deviation of 10 rad leaves the angle free
-    effects = tuple(
-        effect.with_off_normal_std(10.0) if effect.off_normal_std else effect
-        for effect, _ in fitted_effects(calibration)
-    )
-    return replace(calibration, model=replace(calibration.model, effects=effects))
+    return calibration.changed(model=calibration.model.with_off_normal_std(10.0))

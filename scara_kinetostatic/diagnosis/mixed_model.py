@@ -25,7 +25,7 @@ covariance is the inverse of its normal matrix, and the model is linearised ther
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -162,36 +162,66 @@ def fit_mixed(
     own, named = c.model, named or ExtendedModel(c.parameters)
     values = (*own.effect_values, *named.effect_values)
     model = ExtendedModel(named.parameters, (*own.effects, *named.effects), values)
+    steps = list[_Step]()
     with np.errstate(all='ignore'):
-        for steps in (_MOST_STEPS, 1):  # where it does not settle, the first linearisation
-            with suppress(np.linalg.LinAlgError, ParameterError):
-                found = _settled(c, known, model, steps, keeps_touches, freedoms, begin, expected)
-                if found.fit.termination is Termination.CONVERGED:
+        with suppress(np.linalg.LinAlgError, ParameterError):
+            for step in _linearisations(c, known, model, keeps_touches, freedoms, begin, expected):
+                steps.append(step)
+            if steps[-1].is_valid and steps[-1].shift < 1.0:
+                found = _result(steps[-1], c)
+                if begin is not None or named.effects or len(steps) == 1 or not steps[0].is_valid:
                     return found
+                # small effects together may imitate a gross one, which the touches show where the fit began
+                first = _result(steps[0], c)
+                return first if first.deviance < found.deviance - _CLEARLY else found
+        if steps and steps[0].is_valid:  # where it does not settle
+            with suppress(np.linalg.LinAlgError):
+                return _result(steps[0], c)
     raise UnsupportedDataError('the fit diverges', 'check the places of the discs, and units, signs and frames')
 
 
-def _settled(
+class _Step(NamedTuple):
+    """A linearisation solved.
+
+    Attributes:
+        moved: the calibration at its solution.
+        solved: that.
+        is_whole: whether it is there, not a part of the way.
+        shift: largest change of a value of the model, in standard deviations.
+    """
+
+    moved: Calibration
+    solved: _Solved
+    is_whole: bool
+    shift: float
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether the model is defined at the solution."""
+        distance = self.moved.projection.distance[self.moved.used]
+        return self.is_whole and bool(np.isfinite([self.solved.deviance, *distance]).all())
+
+
+def _linearisations(
     c: Calibration,
     known: Sequence[Effect],
     model: ExtendedModel,
-    most: int,
     keeps_touches: bool,
     freedoms: float,
     begin: MixedModel | None,
     expected: bool,
-) -> MixedModel:
-    """The mixed model, linearised anew until it settles, up to a number of times."""
+) -> Iterator[_Step]:
+    """The mixed model, linearised anew until it settles."""
     latest, is_free = _with_random_effects(c, model, known)
     sizes = _sizes_of(latest, len(c.model.effects), is_free, freedoms)
-    logs, first, begun = _first_logs(latest, sizes), 0.0, None
+    logs, first = _first_logs(latest, sizes), 0.0
     if begin is not None and begin.fit.random is not None:
         size, own = begin.fit.random.size / _random_sizes(latest), _of_random(latest, sizes.group)
         # far from these the likelihood has other maxima: the columns are those of the first linearisation
         logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), begin.solved.logs[-1]
         values = size * begin.fit.random_values
         latest = latest.changed(errors=begin.fit.errors, random_values=values, noise=begin.fit.noise)
-    for number in range(most):
+    for number in range(_MOST_STEPS):
         # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
         noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
@@ -202,25 +232,15 @@ def _settled(
         solved = _solve(latest, c, sizes, logs, levels, expected)
         logs, shift = solved.logs, _shift(latest, solved)
         moved, is_whole = _closer(latest, _moved(latest, solved, c.noise))
-        begun = begun or (moved, solved)
-        if number == most - 1:
-            break
+        yield _Step(moved, solved, is_whole, shift)
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
         settled = shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
         good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
         if settled and (good == moved.used).all():
-            break
+            return
         latest = moved.changed(used=good)
         if number == 0 and shift > 1.0 and latest.random is not None:  # the columns are those of where the fit began
             latest = latest.changed(random=_with_random_effects(latest, latest.model, known)[0].random)
-    if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
-        raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
-    found = _result(moved, c, solved, is_converged=is_whole and (most == 1 or shift < 1.0))
-    if begun is None or begun[1] is solved or begin is not None or len(model.effects) > len(c.model.effects):
-        return found
-    # small effects together may imitate a gross one, which the touches show where the fit began
-    other = _result(begun[0], c, begun[1], is_converged=True)
-    return min(found, other, key=lambda one: one.deviance + (_CLEARLY if one is other else 0.0))
 
 
 def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[Effect]) -> tuple[Calibration, Mask]:
@@ -496,8 +516,9 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
     return c.changed(point, random=c.random.resized(factor), random_values=values)
 
 
-def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged: bool) -> MixedModel:
+def _result(step: _Step, base: Calibration) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
+    moved, solved = step.moved, step.solved
     c = _resized(moved, _of_random(moved, solved.tau))
     point, freedoms = c.projection, len(solved.inner.residual) - solved.rank
     c = c.changed(known=_known(c, solved))
@@ -515,7 +536,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged
         start=ExtendedModel(
             base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
         ),
-        termination=Termination.CONVERGED if is_converged else Termination.ITERATION_LIMIT,
+        termination=Termination.CONVERGED,
     )
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
     level = np.zeros(0)

@@ -22,7 +22,7 @@ and the smaller D is the likelier model.
 deviation. A random angle shifts no mean. It adds the variance σ_α² h_α h_αᵀ to that of the noise, which grows with the
 disc's radius, whereas that by noise of the force decreases with its size. The test is a score test of this variance
 component beside those of the noise (Rao; for variance components see Searle, Casella and McCulloch, 1992, section
-6.8); σ_α is estimated by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
+6.8); σ_α is estimated along with the noise (`calibration.noise_estimation`).
 """
 
 from __future__ import annotations
@@ -33,10 +33,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, WarmStart
-from scara_kinetostatic.calibration.fit_point import project
-from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.lack_of_fit import FORCE, JOINT, OFF_NORMAL, find_dependences, growing_p_value
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -107,36 +104,14 @@ def _refitted(c: Calibration, noise: Noise) -> Calibration | None:
     return None if found is None else _with_rejections_of(found, c)
 
 
-def fit_with_off_normal(calibration: Calibration) -> Calibration:
-    """The touches of a calibration fitted with a random off-normal angle of each force, σ_α estimated.
-
-    Effects that the calibration has stay.
+def fit_with_off_normal(c: Calibration) -> Calibration | None:
+    """The touches of a calibration fitted with a random off-normal angle of each force, σ_α estimated; None where they
+    have no such fit. Effects that the calibration has stay.
     """
-    c = calibration
-    others = tuple(effect for effect in c.model.effects if not effect.off_normal_std)
-    off_normal, used, latest, slow = 0.03, np.ones(len(c.touches), dtype=bool), c, 0
-    for _ in range(8):
-        effects = (OffNormalForce(off_normal=off_normal), *others)
-        warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used, latest.errors)
-        latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
-        used, before = latest.used, off_normal
-        # no sensor resolves less than 1e-4 rad
-        off_normal = max(_updated(latest, off_normal), 1e-4)
-        # a fit of more than 150 steps hardly converges: something else is wrong
-        slow += latest.termination is not Termination.CONVERGED or latest.iterations > 150
-        if abs(off_normal / before - 1) < 0.02 or slow >= 2:
-            break
-    return _with_rejections_of(latest, c)
-
-
-def _updated(c: Calibration, off_normal: float) -> float:
-    """One step of expectation and maximisation."""
-    point = project(c.observe(c.used), c.model, c.noise)
-    assert point.linear.by_off_normal is not None
-    assert point.adjusted.off_normal is not None
-    shrunk = whiten_by(point.linear.by_off_normal, point.whitened.root)
-    left = off_normal**2 * (1 - (shrunk**2).sum(axis=1))
-    return float(np.sqrt(np.mean(point.adjusted.off_normal**2 + left)))
+    others = (effect for effect in c.model.effects if not effect.off_normal_std)
+    model, used = c.model.with_effects((OffNormalForce(), *others)), np.ones(len(c.touches), dtype=bool)
+    found = fit_again(c.changed(model=model, used=used))
+    return None if found is None else _with_rejections_of(found, c)
 
 
 def fit_again(

@@ -305,9 +305,8 @@ def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Sea
     The test is made at the parameters of the model with them: those without may be far off. Where noise that grows with
     the force is significant beside the angles, these must be more significant by the same factor.
     """
-    try:
-        with_angles = fit_with_off_normal(c)
-    except UnsupportedDataError:
+    with_angles = fit_with_off_normal(c)
+    if with_angles is None:
         return []
     friction = next(effect for effect, _ in fitted_effects(with_angles) if effect.off_normal_std)
     found = identify(with_angles, [effect for effect in known if effect.name != friction.name])

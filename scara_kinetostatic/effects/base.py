@@ -233,10 +233,6 @@ class Effect(EffectLaw):
         """The effects of this kind that a cell may have: one for the whole cell, each joint or each disc."""
         return [cls()]
 
-    def with_off_normal_std(self, std: float) -> Effect:
-        """The same effect with another `off_normal_std`; itself where it has none."""
-        return self
-
     @property
     def label(self) -> str:
         """Name and target, such as ``encoder_gain[joint1]``."""

@@ -336,7 +336,8 @@ class OffNormalForce(Effect):
     The diagnosis tests it beside the effects of the catalogue, as a variance: `diagnosis.noise_structure`.
 
     Attributes:
-        off_normal: standard deviation of α, rad; the coefficient of friction is larger than it.
+        off_normal: standard deviation of α, rad, with which a fit begins to estimate it; the coefficient of friction is
+            larger than it.
     """
 
     off_normal: float = 0.05

@@ -262,6 +262,10 @@ class EffectLaw(ABC):
         """
         return 0.0
 
+    def with_off_normal_std(self, std: float) -> EffectLaw:
+        """The same effect with another `off_normal_std`; itself where it has none."""
+        return self
+
     @abstractmethod
     def shift(self, at: TouchState, values: Floats) -> Shift:
         """δ and d at n touches for values (k,) of the parameters."""

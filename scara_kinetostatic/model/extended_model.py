@@ -155,6 +155,12 @@ class ExtendedModel:
         """Standard deviation of the off-normal angle of the force, rad; 0 where no effect has one."""
         return max((effect.off_normal_std for effect in self.effects), default=0.0)
 
+    def with_off_normal_std(self, std: float) -> ExtendedModel:
+        """The model with another standard deviation of the off-normal angle, rad; itself where no effect has one."""
+        if std == self.off_normal_std:
+            return self
+        return replace(self, effects=tuple(effect.with_off_normal_std(std) for effect in self.effects))
+
     @cached_property
     def has_sensor_error(self) -> bool:
         """Whether any effect is an error of the sensor."""
