@@ -34,7 +34,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg
 from scipy.linalg import lapack
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -123,11 +123,12 @@ class LinearProblem(NamedTuple):
         """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""
         nu = self.freedoms
         square = np.maximum(square, 1e-8 * nu)  # whitened, less is rounding
-        free = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
+        log = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
         if self.noise_given:
-            larger = np.where(square > nu, free - np.log(np.log(_MOST_NOISE)) + np.log(UNDERSTATED), -np.inf)
-            free = np.logaddexp(np.log1p(-UNDERSTATED) - 0.5 * square, larger)
-        return np.asarray(free - 0.5 * log_determinant)
+            stated = np.log1p(-UNDERSTATED) - 0.5 * square
+            larger = np.logaddexp(stated, log + np.log(UNDERSTATED / np.log(_MOST_NOISE)))
+            log = np.where(square > nu, larger, stated)
+        return np.asarray(log - 0.5 * log_determinant)
 
 
 class _State(NamedTuple):
@@ -150,7 +151,7 @@ class SizedSet(NamedTuple):
     """A set at given sizes.
 
     Attributes:
-        log: its log posterior.
+        log: its log posterior, not normalised.
         labels: of its gross effects.
         forms: theirs, and those of small effects that are at one place.
         sizes: of these.
@@ -283,72 +284,75 @@ class _Scan:
         self.p, self.forms, self.log_number = p, forms, log_number
         placed = [k for k, form in enumerate(forms) if form.is_placed]
         self.form = np.array([*range(len(forms)), *placed], dtype=np.intp)
-        self.is_small = np.arange(len(self.form)) >= len(forms)
+        self.is_small = np.append(np.arange(len(self.form)) >= len(forms), False)
         self.effect = np.unique([form.label for form in forms], return_inverse=True)[1][self.form]
         prior = _TAUS / (1 + _TAUS**2)
         self.log_tau = np.log(prior / prior.sum())
-        self.gram = np.array([state.gram for state in states])
+        self.grams = [state.gram for state in states]
         self.log_determinant = np.array([2 * np.log(np.diag(state.factor)).sum() for state in states])
-        self.bare = p.log_likelihood(self.gram[:, -1, -1], self.log_determinant) + self.log_tau
+        self.bare = p.log_likelihood(np.array([gram[-1, -1] for gram in self.grams]), self.log_determinant) + self.log_tau
         log_share = np.log([form.share for form in forms])
         self.log_prior = np.concatenate([log_share + log_weight, log_share[placed]])
-        own = [forms[k].columns for k in self.form]
+        own = [*(forms[k].columns for k in self.form), np.array([len(states[0].gram) - 1])]  # behind all ways y
         self.widths = np.array([len(one) for one in own], dtype=np.intp)
-        self.columns, self.first = np.concatenate([*own, []]).astype(np.intp), np.cumsum(self.widths) - self.widths
+        self.columns, self.first = np.concatenate(own).astype(np.intp), np.cumsum(self.widths) - self.widths
         x = SIZES / SCALE
         of_gross = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
         # the size of a small one is τ, which is in its columns
-        self.log_size = np.where(self.is_small[:, None], np.where(SIZES == 1.0, 0.0, -np.inf), of_gross)
+        self.log_size = np.where(self.is_small[:-1, None], np.where(SIZES == 1.0, 0.0, -np.inf), of_gross)
 
     def log_number_of(self, sets: Indices) -> Floats:
         """Log prior of the number of gross effects of sets of ways (m, k), (m,)."""
         return np.asarray(self.log_number[(~self.is_small[sets]).sum(axis=1)])
 
-    def _alike(self, sets: Indices, states: Indices) -> Iterator[tuple[Indices, tuple[int, ...], Floats]]:
+    def _alike(self, sets: Indices, states: Indices) -> Iterator[tuple[Indices, list[int], Floats]]:
         """Those of sets of ways (m, k) whose widths are the same, by number, these widths, and A_V of their columns at
-        some sizes of the small parts, with b_V and y'V⁻¹y behind, (w + 1, w + 1, m, t).
+        some sizes of the small parts, with b_V and y'V⁻¹y behind, (w + 1, w + 1, t, m).
         """
-        widths = self.widths[sets]
-        for each in sorted(set(map(tuple, widths.tolist()))):
-            at = np.flatnonzero((widths == each).all(axis=1))
-            ways = np.repeat(sets[at].T, each, axis=0)
-            number = np.concatenate([np.arange(w) for w in each])
-            columns = np.pad(self.columns[self.first[ways] + number[:, None]], ((0, 1), (0, 0)), constant_values=-1)
-            gram = self.gram[states[:, None, None, None], columns[:, None], columns]
+        kind = self.widths[sets] @ (1 + self.widths.max()) ** np.arange(sets.shape[1])
+        sets = np.column_stack([sets, np.full(len(sets), len(self.form))])
+        for one in np.unique(kind):
+            at = np.flatnonzero(kind == one)
+            each = self.widths[sets[at[0]]]
+            ways, number = np.repeat(sets[at].T, each, axis=0), np.concatenate([np.arange(w) for w in each])
+            columns = self.columns[self.first[ways] + number[:, None]]
+            place = columns[:, None] * len(self.grams[0]) + columns
+            gram = np.stack([self.grams[state].take(place) for state in states], axis=2)
             if self.is_small[ways].any():
-                scale = np.where(self.is_small[ways], _TAUS[states, None, None], 1.0)
-                scale = np.pad(scale, ((0, 0), (0, 1), (0, 0)), constant_values=1.0)
-                gram = scale[:, :, None] * gram * scale[:, None]
-            yield at, each, np.moveaxis(gram, 0, -1)
+                scale = np.where(self.is_small[ways][:, None], _TAUS[states, None], 1.0)
+                gram *= scale[:, None] * scale
+            yield at, each[:-1].tolist(), gram
 
     def integrated(self, sets: Indices) -> tuple[list[SizedSet], Floats]:
         """The parts of sets of ways (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
-        m, k = sets.shape
+        (m, k), every = sets.shape, np.arange(len(self.grams))
         order = np.argsort(-self.widths[sets], axis=1, kind='stable')  # the narrowest is left out at most sizes
-        wide = np.take_along_axis(sets, order, axis=1)
-        logs = np.empty((m, len(self.gram), len(SIZES) ** k))
-        for at, widths, gram in self._alike(wide, np.arange(len(self.gram))):
-            log_determinant = np.broadcast_to(self.log_determinant, gram.shape[2:])
+        sets, back = np.take_along_axis(sets, order, axis=1), np.argsort(order, axis=1)
+        grid = (len(SIZES),) * k + (len(every),)
+        logs = np.empty((*grid, m))
+        for at, widths, gram in self._alike(sets, every):
+            log_determinant = self.log_determinant[:, None]
             for w in widths:
-                gram, log_determinant = _without(gram[..., None], log_determinant[..., None], w, SIZES)
-            logs[at] = self.p.log_likelihood(gram[0, 0], log_determinant).reshape(len(at), *logs.shape[1:])
-        prior = (self.log_prior[sets].sum(axis=1) + self.log_number_of(sets))[:, None]
-        for column in wide.T:
-            prior = (prior[:, :, None] + self.log_size[column][:, None]).reshape(m, -1)
-        every = (logs + prior[:, None] + self.log_tau[:, None]).reshape(m, -1)
-        evidence = np.asarray(special.logsumexp(every, axis=1))
-        places = np.argpartition(-every, _PARTS, axis=1)[:, :_PARTS]
-        places = np.take_along_axis(places, np.argsort(-np.take_along_axis(every, places, axis=1), axis=1), axis=1)
-        every = np.take_along_axis(every, places, axis=1)
-        state, *of_each = np.unravel_index(places, (len(self.gram), *(len(SIZES),) * k))
-        sizes = np.where(self.is_small[wide][..., None], _TAUS[state][:, None], SIZES[np.stack(of_each, axis=1)])
-        sizes = np.take_along_axis(sizes, np.argsort(order, axis=1)[..., None], axis=1).swapaxes(1, 2)
-        parts, most = list[SizedSet](), evidence.max(initial=-np.inf)
-        for row in np.flatnonzero((evidence >= most - _NEGLIGIBLE) | (k == 1)).tolist():
-            log = every[row, : _PARTS if evidence[row] > most - _NEGLIGIBLE / 2 else 1]
+                sizes = SIZES.reshape(-1, *(1,) * (gram.ndim - 2))
+                gram, log_determinant = _without(gram[:, :, None], log_determinant, w, sizes)
+            logs[..., at] = self.p.log_likelihood(gram[0, 0], log_determinant)
+        logs += self.log_tau[:, None] + self.log_prior[sets].sum(axis=1) + self.log_number_of(sets)
+        for axis, column in enumerate(sets.T):
+            logs += self.log_size[column].T.reshape(-1, *(1,) * (axis + 1), m)
+        flat, most = logs.reshape(-1, m).T, logs.reshape(-1, m).max(axis=0)
+        evidence = most + np.log(np.exp(logs - most).reshape(-1, m).sum(axis=0))
+        places = np.argpartition(-flat, _PARTS, axis=1)[:, :_PARTS]
+        places = np.take_along_axis(places, np.argsort(-np.take_along_axis(flat, places, axis=1), axis=1), axis=1)
+        flat = np.take_along_axis(flat, places, axis=1)
+        *of_each, state = np.unravel_index(places, grid)
+        sizes = np.where(self.is_small[sets][..., None], _TAUS[state][:, None], SIZES[np.stack(of_each[::-1], axis=1)])
+        sizes, sets = np.take_along_axis(sizes, back[..., None], axis=1), np.take_along_axis(sets, back, axis=1)
+        parts, highest = list[SizedSet](), evidence.max(initial=-np.inf)
+        for row in np.flatnonzero((evidence >= highest - _NEGLIGIBLE) | (k == 1)).tolist():
+            log = flat[row, : _PARTS if evidence[row] > highest - _NEGLIGIBLE / 2 else 1]
             log = log + evidence[row] - np.logaddexp.reduce(log)  # the rest counts with these
             labels = frozenset(self.forms[self.form[way]].label for way in sets[row] if not self.is_small[way])
-            forms, own = tuple(self.form[sets[row]].tolist()), map(tuple, sizes[row].tolist())
+            forms, own = tuple(self.form[sets[row]].tolist()), map(tuple, sizes[row].T.tolist())
             some = zip(log.tolist(), own, state[row].tolist(), strict=False)
             parts += [SizedSet(one, labels, forms, size, number) for one, size, number in some]
         return parts, evidence
@@ -360,24 +364,24 @@ class _Scan:
         guess, likeliest = np.empty(len(sets)), int(np.argmax(self.bare))
         states = np.unique([likeliest, min(likeliest, 2)])
         for at, widths, gram in self._alike(sets, states):
-            gram, log_determinant = gram[..., None], self.log_determinant[states, None]
+            gram, log_determinant = gram[:, :, None], self.log_determinant[states, None]
             for way, w in zip(sets[at].T, widths, strict=True):
-                sizes = np.where(self.is_small[way, None, None], 1.0, SIZES[[2, 4, 6]])
+                sizes = np.where(self.is_small[way], 1.0, SIZES[[2, 4, 6], None, None])
                 gram, log_determinant = _without(gram, log_determinant, w, sizes)
-            guess[at] = self.p.log_likelihood(gram[0, 0], log_determinant).max(axis=(1, 2))
+            guess[at] = self.p.log_likelihood(gram[0, 0], log_determinant).max(axis=(0, 1))
         guess += self.log_prior[sets].sum(axis=1) + self.log_number_of(sets)
         return sets[np.argsort(-guess)[:most]]
 
 
 def _without(gram: Floats, log_determinant: Floats, width: int, sizes: Floats) -> tuple[Floats, Floats]:
-    """A_V, b_V and y'V⁻¹y, (c, c, ...), without the first columns, and the log determinants, where these are the gross
-    effect of some sizes, one each or as further axes.
+    """A_V, b_V and y'V⁻¹y, (c, c, ...), without the first columns, and the log determinants, (...), where these are a
+    gross effect of some sizes, (...).
     """
+    pivots, least = list[Floats](), sizes**-2.0
     for _ in range(width):
-        pivot = np.maximum(gram[0, 0], 0.0) + sizes**-2.0
-        log_determinant = log_determinant + np.log(pivot * sizes**2)
-        gram = gram[1:, 1:] - gram[1:, :1] * (gram[:1, 1:] / pivot)
-    return gram, log_determinant
+        pivots.append(np.maximum(gram[0, 0] + least, least))
+        gram = gram[1:, 1:] - gram[1:, :1] * (gram[:1, 1:] / pivots[-1])
+    return gram, log_determinant + np.log(np.array(pivots) / least).sum(axis=0)
 
 
 def _gathered(
@@ -393,8 +397,8 @@ def _gathered(
     total = float(np.logaddexp.reduce([part.log for part in parts]))
     by_labels = defaultdict[Labels, list[SizedSet]](list)
     for part in parts:
-        by_labels[part.labels].append(part._replace(log=part.log - total))
-    logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}
+        by_labels[part.labels].append(part)
+    logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) - total for labels, own in by_labels.items()}
     priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in sorted(labels)) for labels in logs}
     merged_into = {labels: [labels] for labels in logs}
     for labels in sorted(logs, key=len, reverse=True):
