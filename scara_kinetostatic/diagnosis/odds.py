@@ -290,7 +290,9 @@ class _Scan:
         self.log_tau = np.log(prior / prior.sum())
         self.grams = [state.gram for state in states]
         self.log_determinant = np.array([2 * np.log(np.diag(state.factor)).sum() for state in states])
-        self.bare = p.log_likelihood(np.array([gram[-1, -1] for gram in self.grams]), self.log_determinant) + self.log_tau
+        self.bare = (
+            p.log_likelihood(np.array([gram[-1, -1] for gram in self.grams]), self.log_determinant) + self.log_tau
+        )
         log_share = np.log([form.share for form in forms])
         self.log_prior = np.concatenate([log_share + log_weight, log_share[placed]])
         own = [*(forms[k].columns for k in self.form), np.array([len(states[0].gram) - 1])]  # behind all ways y

@@ -119,12 +119,14 @@ def independent_part(
     columns = columns[:, nonzero] / scale[nonzero]
     if not columns.size:
         return np.empty((len(columns), 0)), 0.0
-    u, values, vt = np.linalg.svd(columns - base @ (base.T @ columns), full_matrices=False)
-    independent = values > least
+    left = columns - base @ (base.T @ columns)
+    square, vectors = np.linalg.eigh(left.T @ left)
+    independent = square > least**2
     if noise is not None:
-        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
-        independent &= made**2 <= most_noise * values**2
-    return u[:, independent], min(1.0, float(values[0]))
+        made = noise[:, nonzero] / scale[nonzero] @ vectors
+        independent &= (made**2).sum(axis=0) <= most_noise * square
+    unit = left @ (vectors[:, independent] / np.sqrt(square[independent]))
+    return unit, min(1.0, max(0.0, float(square[-1])) ** 0.5)
 
 
 def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
