@@ -300,7 +300,7 @@ class _Scan:
         self.columns, self.first = np.concatenate(own).astype(np.intp), np.cumsum(self.widths) - self.widths
         x = SIZES / SCALE
         of_gross = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
-        # the size of a small one is τ, which is in its columns
+        # the size of a small one is τ, whatever the place on the grid: the first counts
         self.log_size = np.where(self.is_small[:-1, None], np.where(SIZES == 1.0, 0.0, -np.inf), of_gross)
 
     def log_number_of(self, sets: Indices) -> Floats:
@@ -319,11 +319,7 @@ class _Scan:
             ways, number = np.repeat(sets[at].T, each, axis=0), np.concatenate([np.arange(w) for w in each])
             columns = self.columns[self.first[ways] + number[:, None]]
             place = columns[:, None] * len(self.grams[0]) + columns
-            gram = np.stack([self.grams[state].take(place) for state in states], axis=2)
-            if self.is_small[ways].any():
-                scale = np.where(self.is_small[ways][:, None], _TAUS[states, None], 1.0)
-                gram *= scale[:, None] * scale
-            yield at, each[:-1].tolist(), gram
+            yield at, each[:-1].tolist(), np.stack([self.grams[state].take(place) for state in states], axis=2)
 
     def integrated(self, sets: Indices) -> tuple[list[SizedSet], Floats]:
         """The parts of sets of ways (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
@@ -334,8 +330,9 @@ class _Scan:
         logs = np.empty((*grid, m))
         for at, widths, gram in self._alike(sets, every):
             log_determinant = self.log_determinant[:, None]
-            for w in widths:
-                sizes = SIZES.reshape(-1, *(1,) * (gram.ndim - 2))
+            for way, w in zip(sets[at].T, widths, strict=True):
+                sizes = np.where(self.is_small[way], _TAUS[:, None], SIZES[:, None, None])
+                sizes = sizes.reshape(-1, *(1,) * (gram.ndim - 4), *sizes.shape[1:])
                 gram, log_determinant = _without(gram[:, :, None], log_determinant, w, sizes)
             logs[..., at] = self.p.log_likelihood(gram[0, 0], log_determinant)
         logs += self.log_tau[:, None] + self.log_prior[sets].sum(axis=1) + self.log_number_of(sets)
@@ -368,7 +365,7 @@ class _Scan:
         for at, widths, gram in self._alike(sets, states):
             gram, log_determinant = gram[:, :, None], self.log_determinant[states, None]
             for way, w in zip(sets[at].T, widths, strict=True):
-                sizes = np.where(self.is_small[way], 1.0, SIZES[[2, 4, 6], None, None])
+                sizes = np.where(self.is_small[way], _TAUS[states, None], SIZES[[2, 4, 6], None, None])
                 gram, log_determinant = _without(gram, log_determinant, w, sizes)
             guess[at] = self.p.log_likelihood(gram[0, 0], log_determinant).max(axis=(0, 1))
         guess += self.log_prior[sets].sum(axis=1) + self.log_number_of(sets)
