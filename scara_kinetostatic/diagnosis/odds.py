@@ -379,7 +379,8 @@ def _without(gram: Floats, log_determinant: Floats, width: int, sizes: Floats) -
     pivots, least = list[Floats](), sizes**-2.0
     for _ in range(width):
         pivots.append(np.maximum(gram[0, 0] + least, least))
-        gram = gram[1:, 1:] - gram[1:, :1] * (gram[:1, 1:] / pivots[-1])
+        taken = gram[1:, :1] * (gram[:1, 1:] / pivots[-1])
+        gram = np.subtract(gram[1:, 1:], taken, out=taken)
     return gram, log_determinant + np.log(np.array(pivots) / least).sum(axis=0)
 
 

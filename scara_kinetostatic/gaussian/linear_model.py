@@ -114,19 +114,15 @@ def independent_part(
     Returns:
         The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
     """
-    scale = np.linalg.norm(columns, axis=0)
-    nonzero = scale > 0
-    columns = columns[:, nonzero] / scale[nonzero]
-    if not columns.size:
-        return np.empty((len(columns), 0)), 0.0
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
     left = columns - base @ (base.T @ columns)
-    square, vectors = np.linalg.eigh(left.T @ left)
-    independent = square > least**2
+    square, vectors = np.linalg.eigh(scale[:, None] * (left.T @ left) * scale)
+    independent, vectors = square > least**2, scale[:, None] * vectors
     if noise is not None:
-        made = noise[:, nonzero] / scale[nonzero] @ vectors
-        independent &= (made**2).sum(axis=0) <= most_noise * square
+        independent &= np.square(noise @ vectors).sum(axis=0) <= most_noise * square
     unit = left @ (vectors[:, independent] / np.sqrt(square[independent]))
-    return unit, min(1.0, max(0.0, float(square[-1])) ** 0.5)
+    return unit, min(1.0, float(square.max(initial=0.0)) ** 0.5)
 
 
 def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
