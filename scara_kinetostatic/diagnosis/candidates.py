@@ -130,8 +130,7 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
             scans.append(scan)
         else:
             unidentifiable.append(Ranked.unidentifiable(effect, scan.independent_part))
-    for (effect, trial), columns_and_noise in zip(single, problem.columns_and_noise(single), strict=True):
-        unit, part = problem.independent_part(*columns_and_noise)
+    for (effect, trial), (unit, part) in zip(single, problem.independent_parts(single), strict=True):
         if unit.shape[1]:
             found.append(Candidate(effect, trial, unit, part, 1))
         else:

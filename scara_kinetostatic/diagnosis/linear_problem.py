@@ -28,7 +28,7 @@ from scara_kinetostatic.calibration.gauss_helmert import UnitChanges, noise_left
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Grid, Trial
-from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, orthonormal
+from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, independent_parts, orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
@@ -107,9 +107,9 @@ class Problem(NamedTuple):
         """Degrees of freedom: rows less the rank of J."""
         return len(self.left) - self.base.shape[1]
 
-    def independent_part(self, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
+    def independent_part(self, columns: Floats) -> tuple[Floats, float]:
         """`independent_part` of columns of an effect beside the base model."""
-        return independent_part(self.base, columns, self.least_independent_part, noise, NOISE_SHARE)
+        return independent_part(self.base, columns, self.least_independent_part)
 
     @property
     def least_independent_part(self) -> float:
@@ -120,8 +120,8 @@ class Problem(NamedTuple):
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
         return self.marginal.apply(self.changes(*trials))
 
-    def columns_and_noise(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, Floats]]:
-        """Of effects of one trial X, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
+    def independent_parts(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, float]]:
+        """`independent_part` of effects of one trial, beside the noise in F̂ as well."""
         grown = self.force * (self.larger_by_noise.magnitude / self.touch_state.magnitude)[:, None]
         changed = [
             effect.trials(self.larger_by_noise, grown)[0]
@@ -130,9 +130,8 @@ class Problem(NamedTuple):
             for effect, trial in single
         ]
         columns, with_noise = np.split(self.columns(*(trial for _, trial in single), *changed), 2, axis=1)
-        ends = np.cumsum([len(trial.columns) for _, trial in single])
-        parts = (np.split(part, ends, axis=1)[:-1] for part in (columns, with_noise - columns))
-        return list(zip(*parts, strict=True))
+        noise, widths = with_noise - columns, [len(trial.columns) for _, trial in single]
+        return independent_parts(self.base, columns, widths, self.least_independent_part, noise, NOISE_SHARE)
 
     def changes(self, *trials: Trial | Grid) -> Floats:
         """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M; of a

@@ -342,18 +342,21 @@ class _Scan:
         evidence = most + np.log(np.exp(logs - most).reshape(-1, m).sum(axis=0))
         places = np.argpartition(-flat, _PARTS, axis=1)[:, :_PARTS]
         places = np.take_along_axis(places, np.argsort(-np.take_along_axis(flat, places, axis=1), axis=1), axis=1)
-        flat = np.take_along_axis(flat, places, axis=1)
         *of_each, state = np.unravel_index(places, grid)
         sizes = np.where(self.is_small[sets][..., None], _TAUS[state][:, None], SIZES[np.stack(of_each[::-1], axis=1)])
         sizes, sets = np.take_along_axis(sizes, back[..., None], axis=1), np.take_along_axis(sets, back, axis=1)
-        parts, highest = list[SizedSet](), evidence.max(initial=-np.inf)
+        highest, flat = evidence.max(initial=-np.inf), np.take_along_axis(flat, places, axis=1)
+        number = np.where(evidence > highest - _NEGLIGIBLE / 2, _PARTS, 1)
+        taken = np.logaddexp.accumulate(flat, axis=1)[np.arange(m), number - 1]
+        flat = flat + (evidence - taken)[:, None]  # the rest counts with these
+        each = (flat.tolist(), sizes.swapaxes(1, 2).tolist(), state.tolist())
+        parts = list[SizedSet]()
         for row in np.flatnonzero((evidence >= highest - _NEGLIGIBLE) | (k == 1)).tolist():
-            log = flat[row, : _PARTS if evidence[row] > highest - _NEGLIGIBLE / 2 else 1]
-            log = log + evidence[row] - np.logaddexp.reduce(log)  # the rest counts with these
-            labels = frozenset(self.forms[self.form[way]].label for way in sets[row] if not self.is_small[way])
-            forms, own = tuple(self.form[sets[row]].tolist()), map(tuple, sizes[row].T.tolist())
-            some = zip(log.tolist(), own, state[row].tolist(), strict=False)
-            parts += [SizedSet(one, labels, forms, size, number) for one, size, number in some]
+            ways = sets[row]
+            forms = tuple(self.form[ways].tolist())
+            gross = frozenset(self.forms[k].label for k in self.form[ways[~self.is_small[ways]]])
+            some = zip(*(one[row][: number[row]] for one in each), strict=True)
+            parts += [SizedSet(log, gross, forms, tuple(size), place) for log, size, place in some]
         return parts, evidence
 
     def promising(self, sets: Indices, most: int) -> Indices:

@@ -15,6 +15,7 @@ Sources: Cook and Weisberg, Residuals and Influence in Regression (1982), chapte
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,15 +115,26 @@ def independent_part(
     Returns:
         The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
     """
+    return independent_parts(base, columns, [columns.shape[1]], least, noise, most_noise)[0]
+
+
+def independent_parts(
+    base: Floats, columns: Floats, widths: Sequence[int], least: float, noise: Floats | None, most_noise: float
+) -> list[tuple[Floats, float]]:
+    """`independent_part` of each of several groups of columns side by side, of some widths."""
     size = np.linalg.norm(columns, axis=0)
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    columns = columns * scale
     left = columns - base @ (base.T @ columns)
-    square, vectors = np.linalg.eigh(scale[:, None] * (left.T @ left) * scale)
-    independent, vectors = square > least**2, scale[:, None] * vectors
-    if noise is not None:
-        independent &= np.square(noise @ vectors).sum(axis=0) <= most_noise * square
-    unit = left @ (vectors[:, independent] / np.sqrt(square[independent]))
-    return unit, min(1.0, float(square.max(initial=0.0)) ** 0.5)
+    gram, made = left.T @ left, np.zeros((len(size),) * 2) if noise is None else (noise * scale).T @ (noise * scale)
+    found, first = list[tuple[Floats, float]](), 0
+    for width in widths:
+        at = slice(first, first := first + width)
+        square, vectors = np.linalg.eigh(gram[at, at])
+        independent = (square > least**2) & ((vectors * (made[at, at] @ vectors)).sum(axis=0) <= most_noise * square)
+        unit = left[:, at] @ (vectors[:, independent] / np.sqrt(square[independent]))
+        found.append((unit, min(1.0, float(square.max(initial=0.0)) ** 0.5)))
+    return found
 
 
 def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
