@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
 from scara_kinetostatic.diagnosis.result import Ranked
-from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.effects.base import Effect, Grid, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.gaussian.linear_model import f_test
 from scara_kinetostatic.model.arrays import Floats
@@ -41,7 +41,7 @@ class Scan(NamedTuple):
     Attributes:
         effect: the effect.
         trials: the trials.
-        columns: of all trials, (2n, t, m).
+        columns: of all trials, (t, m, 2n).
         tried: how many trials the effect has in all.
         independent_part: largest part of a column that is independent of the base model.
         gram: inner products of the columns of each trial, projected off the base model, (t, m, m).
@@ -58,7 +58,7 @@ class Scan(NamedTuple):
 
     def candidate(self, problem: Problem, k: int, share: float) -> Candidate:
         """The effect at one of the trials, of some share."""
-        return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[:, k]), self.tried, share)
+        return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[k].T), self.tried, share)
 
     def best(self, problem: Problem, taken: set[int], beside: Floats | None = None) -> Candidate | None:
         """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it is among those
@@ -130,8 +130,7 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
             scans.append(scan)
         else:
             unidentifiable.append(Ranked.unidentifiable(effect, scan.independent_part))
-    for (effect, trial), columns_and_noise in zip(single, problem.columns_and_noise(single), strict=True):
-        unit, part = problem.independent_part(*columns_and_noise)
+    for (effect, trial), (unit, part) in zip(single, problem.independent_parts(single), strict=True):
         if unit.shape[1]:
             found.append(Candidate(effect, trial, unit, part, 1))
         else:
@@ -189,7 +188,7 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
     gram, projected = scan.gram, scan.projected
     if beside is not None and beside.size:
-        part = (beside.T @ scan.columns.reshape(len(beside), -1)).reshape(-1, *projected.shape).transpose(1, 2, 0)
+        part = scan.columns @ beside
         gram = gram - part @ part.transpose(0, 2, 1)
         projected = projected - part @ (beside.T @ problem.left)
     size = np.trace(gram, axis1=1, axis2=2)
@@ -206,20 +205,19 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
 
     A column that these touches do not tell from the base model is 0 where it is the only one of its trial.
     """
-    flat = problem.columns(*trials)
-    columns = flat.reshape(len(flat), len(trials), -1)
-    gram, along = (
-        part.transpose(1, 2, 0) @ part.transpose(1, 0, 2)
-        for part in (columns, (problem.base.T @ flat).reshape(-1, *columns.shape[1:]))
-    )
+    if isinstance(trials, Grid):
+        columns = problem.columns(trials).T.reshape(-1, len(trials), len(problem.left)).swapaxes(0, 1)
+    else:
+        columns = problem.columns(*trials).T.reshape(len(trials), -1, len(problem.left))
+    along, left = columns @ problem.base, columns @ problem.left
+    gram = columns @ columns.transpose(0, 2, 1)
     square = np.diagonal(gram, axis1=1, axis2=2)
-    gram = gram - along
-    left = (problem.left @ flat).reshape(square.shape)
+    gram = gram - along @ along.transpose(0, 2, 1)
     independent = np.diagonal(gram, axis1=1, axis2=2)
     part = np.sqrt(np.clip(np.divide(independent, square, out=np.zeros_like(square), where=square > 0), 0, 1))
     if part.shape[1] == 1:
         kept = part > problem.least_independent_part
-        columns, gram, left = columns * kept, gram * kept[:, :, None], left * kept
+        columns, gram, left = columns * kept[:, :, None], gram * kept[:, :, None], left * kept
     return Scan(effect, trials, columns, tried, float(part.max()), gram, left)
 
 

@@ -27,11 +27,11 @@ from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import UnitChanges, noise_left, unit_changes, whiten_by
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.effects.base import Effect, Trial
-from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, orthonormal
+from scara_kinetostatic.effects.base import Effect, Grid, Trial
+from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, independent_parts, orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact import extended_equations, shift_column
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
 from scara_kinetostatic.model.extended_model import true_force
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -107,43 +107,47 @@ class Problem(NamedTuple):
         """Degrees of freedom: rows less the rank of J."""
         return len(self.left) - self.base.shape[1]
 
-    def independent_part(self, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
+    def independent_part(self, columns: Floats) -> tuple[Floats, float]:
         """`independent_part` of columns of an effect beside the base model."""
-        return independent_part(self.base, columns, self.least_independent_part, noise, NOISE_SHARE)
+        return independent_part(self.base, columns, self.least_independent_part)
 
     @property
     def least_independent_part(self) -> float:
         """Part of a unit column that must be independent of the base model."""
         return INDEPENDENT_PART_CAUTIOUS if self.one_level else INDEPENDENT_PART
 
-    def columns(self, *trials: Trial) -> Floats:
+    def columns(self, *trials: Trial | Grid) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
         return self.marginal.apply(self.changes(*trials))
 
-    def columns_and_noise(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, Floats]]:
-        """Of effects of one trial X, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
+    def independent_parts(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, float]]:
+        """`independent_part` of effects of one trial, beside the noise in F̂ as well."""
         grown = self.force * (self.larger_by_noise.magnitude / self.touch_state.magnitude)[:, None]
-        changed = [effect.trials(self.larger_by_noise, grown)[0] for effect, _ in single]
+        changed = [
+            effect.trials(self.larger_by_noise, grown)[0]
+            if effect.force_dependence is ForceDependence.ALL or trial.sensor_errors
+            else trial
+            for effect, trial in single
+        ]
         columns, with_noise = np.split(self.columns(*(trial for _, trial in single), *changed), 2, axis=1)
-        ends = np.cumsum([len(trial.columns) for _, trial in single])
-        parts = (np.split(part, ends, axis=1)[:-1] for part in (columns, with_noise - columns))
-        return list(zip(*parts, strict=True))
+        noise, widths = with_noise - columns, [len(trial.columns) for _, trial in single]
+        return independent_parts(self.base, columns, widths, self.least_independent_part, noise, NOISE_SHARE)
 
-    def changes(self, *trials: Trial) -> Floats:
-        """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M."""
+    def changes(self, *trials: Trial | Grid) -> Floats:
+        """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M; of a
+        grid those of each coefficient at all places, (2n, m t).
+        """
         shifts = [shift for trial in trials for shift in trial.columns]
         errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
-        n = len(self.force)
-        changes = np.zeros((n, 2, len(shifts)))
-        for by_unit, parts in (
-            (self.by_unit.joints, [shift.joints for shift in shifts]),
-            (self.by_unit.place, [shift.place for shift in shifts]),
-            (self.by_unit.sensor, errors),
-        ):
-            acting = {k: part for k, part in enumerate(parts) if part is not None}
+        grid = [len(trial) for trial in trials if isinstance(trial, Grid)]
+        changes = np.zeros((len(shifts), *grid, *self.force.shape))
+        for by_unit, parts in zip(self.by_unit, (*zip(*shifts, strict=True), errors), strict=False):
+            acting = [k for k, part in enumerate(parts) if part is not None]
             if acting:
-                changes[:, :, list(acting)] += by_unit @ np.stack(list(acting.values()), axis=-1)
-        return changes.reshape(2 * n, len(shifts))
+                x, y = np.moveaxis(np.array([parts[k] for k in acting]), -1, 0)
+                for row, (by_x, by_y) in enumerate(by_unit.transpose(1, 2, 0)):
+                    changes[acting, ..., row] += x * by_x + y * by_y
+        return changes.reshape(-1, self.force.size).T
 
 
 def pose_problem(calibration: Calibration, level: Floats | None = None) -> Problem:

@@ -29,7 +29,7 @@ Source: Gelman, Bayesian Analysis 1 (2006) 515, for the priors of the sizes; Kas
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -37,7 +37,6 @@ import numpy as np
 from scipy import linalg
 from scipy.linalg import lapack
 
-from scara_kinetostatic.gaussian.linear_model import Projected
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
 UNNAMED = 'unnamed'
@@ -90,75 +89,69 @@ class LinearProblem(NamedTuple):
     """The touches at a fit, projected off J.
 
     Attributes:
-        gram: Z'MZ of the small columns and then the gross ones, (c + g, c + g).
-        projected: Z'My, (c + g,).
-        square: y'My.
+        gram: Z'MZ of the small columns and then the gross ones, with Z'My and y'My behind, (c + g + 1, c + g + 1).
         freedoms: rows less columns of J.
         is_declared: of the small columns those whose size is given, (c,).
         noise_given: whether the noise is stated.
         constant: -2 log likelihood that all sets have in common.
         triangle: R of J = Q R, (b, b).
-        of_columns: Q'Z, (b, c + g).
-        of_residual: Q'y, (b,).
+        along: Q'Z and Q'y, (b, c + g + 1).
     """
 
     gram: Floats
-    projected: Floats
-    square: float
     freedoms: int
     is_declared: Mask
     noise_given: bool
     constant: float
     triangle: Floats
-    of_columns: Floats
-    of_residual: Floats
+    along: Floats
 
     @classmethod
     def of(
         cls, fitted: Floats, columns: Floats, residual: Floats, is_declared: Mask, noise_given: bool, constant: float
     ) -> LinearProblem:
         """Of J (rows, b), Z (rows, c + g) and y (rows,); `constant` without that of J."""
-        p = Projected.of(fitted, np.column_stack([columns, residual]))
-        constant += 2 * float(np.log(np.abs(np.diag(p.triangle))).sum())
-        freedoms, solving = len(residual) - fitted.shape[1], (p.triangle, p.of_columns, p.of_residual)
-        return cls(p.gram, p.projected, p.square, freedoms, is_declared, noise_given, constant, *solving)
+        base, triangle = np.linalg.qr(fitted)
+        beside = np.column_stack([columns, residual])
+        along = base.T @ beside
+        rest = beside - base @ along
+        constant += 2 * float(np.log(np.abs(np.diag(triangle))).sum())
+        freedoms = len(residual) - fitted.shape[1]
+        return cls(rest.T @ rest, freedoms, is_declared, noise_given, constant, triangle, along)
 
     def log_likelihood(self, square: Floats, log_determinant: Floats) -> Floats:
         """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""
         nu = self.freedoms
         square = np.maximum(square, 1e-8 * nu)  # whitened, less is rounding
-        free = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
+        log = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
         if self.noise_given:
-            larger = np.where(square > nu, free - np.log(np.log(_MOST_NOISE)) + np.log(UNDERSTATED), -np.inf)
-            free = np.logaddexp(np.log1p(-UNDERSTATED) - 0.5 * square, larger)
-        return np.asarray(free - 0.5 * log_determinant)
+            stated = np.log1p(-UNDERSTATED) - 0.5 * square
+            larger = np.logaddexp(stated, log + np.log(UNDERSTATED / np.log(_MOST_NOISE)))
+            log = np.where(square > nu, larger, stated)
+        return np.asarray(log - 0.5 * log_determinant)
 
 
 class _State(NamedTuple):
     """The problem at one size of the small parts.
 
     Attributes:
-        widths: standard deviations of the small columns, (c,).
-        log_prior: of this size.
-        square: y'V⁻¹y without gross effects.
-        log_determinant: of K.
-        gram: A_V of the gross columns, (g, g).
-        projected: b_V, (g,).
+        widths: standard deviations of the small columns, W, (c,).
+        factor: L of K = L L', (c, c).
+        half: L⁻¹ W A of the gross columns, with that of y behind, (c, g + 1).
+        gram: A_V of the gross columns, with b_V and y'V⁻¹y behind, (g + 1, g + 1).
     """
 
     widths: Floats
-    log_prior: float
-    square: float
-    log_determinant: float
+    factor: Floats
+    half: Floats
     gram: Floats
-    projected: Floats
 
 
 class SizedSet(NamedTuple):
     """A set at given sizes.
 
     Attributes:
-        log: its log posterior.
+        log: its log posterior, not normalised.
         labels: of its gross effects.
         forms: theirs, and those of small effects that are at one place.
         sizes: of these.
@@ -216,66 +209,49 @@ def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str
         forms: of all effects; those of the label `UNNAMED` are curves.
         weights: prior of an effect in that of the others, by label; 1 by default.
     """
-    labels = list(dict.fromkeys(form.label for form in forms))
-    named = sum(label != UNNAMED for label in labels)
-    weight = dict.fromkeys(labels, 1.0) | dict(weights or {})
-    weight[UNNAMED] = _UNNAMED_SHARE / NUMBER[1] * max(named, 1)
-    every = np.poly([-weight[label] for label in labels])[:4]  # elementary symmetric polynomials of the weights
+    by_label = defaultdict[str, list[int]](list)
+    for k, form in enumerate(forms):
+        by_label[form.label].append(k)
+    weight = dict.fromkeys(by_label, 1.0) | dict(weights or {})
+    weight[UNNAMED] = _UNNAMED_SHARE / NUMBER[1] * max(len(by_label.keys() - {UNNAMED}), 1)
+    every = np.poly([-weight[label] for label in by_label])[:4]  # elementary symmetric polynomials of the weights
     log_number = np.log(NUMBER[: len(every)]) - np.log(every)
-    states = [_state(p, tau) for tau in _TAUS]
-    total = np.logaddexp.reduce([state.log_prior for state in states])
-    states = [state._replace(log_prior=state.log_prior - total) for state in states]
-    scan = _Scan(p, forms, states, np.array([np.log(weight[form.label]) for form in forms]), log_number)
+    states = [_state(p, tau) for tau in _TAUS.tolist()]
+    scan = _Scan(p, forms, states, np.log([weight[form.label] for form in forms]), log_number)
     log_none = float(np.logaddexp.reduce(scan.bare))
-    parts = [SizedSet(log + log_number[0], frozenset(), (), (), k) for k, log in enumerate(scan.bare)]
-    singles, alone = scan.integrated(np.arange(len(scan.ways))[:, None])
-    alone -= scan.log_number_of(np.arange(len(scan.ways))[:, None])
-    visible = _visible(scan.ways, alone, log_none)
-    parts += [part for part in singles if part.labels or part.forms[0] in {scan.ways[k].form for k in visible}]
-    best = [*_best_forms(forms, alone), *visible]
-    if len(labels) > 1:
-        pairs = scan.promising([pair for pair in combinations(best, 2) if scan.are_different(*pair)])
+    parts = [SizedSet(log + log_number[0], frozenset(), (), (), k) for k, log in enumerate(scan.bare.tolist())]
+    ways = np.arange(len(scan.form))[:, None]
+    singles, alone = scan.integrated(ways)
+    alone -= scan.log_number_of(ways)
+    small = defaultdict[str, list[int]](list)
+    for k in range(len(forms), len(ways)):
+        small[forms[scan.form[k]].label].append(k)
+    # small at one place, of effects of which these together have a Bayes factor of `NEEDED`, the likeliest of each
+    visible = {
+        label: max(own, key=lambda k: alone[k])
+        for label, own in small.items()
+        if np.logaddexp.reduce(alone[own]) - log_none >= np.log(NEEDED)
+    }
+    seen = {int(scan.form[k]) for k in visible.values()}
+    parts += [part for part in singles if part.labels or part.forms[0] in seen]
+    # tried together: of each effect the likeliest two forms, of curves the likeliest eight
+    likeliest = {label: sorted(own, key=lambda k: -alone[k]) for label, own in by_label.items()}
+    best = sorted(k for label, own in likeliest.items() for k in own[: 8 if label == UNNAMED else 2])
+    best += visible.values()
+    if len(by_label) > 1:
+        pairs = scan.promising(np.array(list(combinations(best, 2))), _PAIRS)
         found, evidence = scan.integrated(pairs)
         parts += found
         top = pairs[np.argsort(-evidence)[:_TRIPLES]]
-        grown = {tuple(sorted((*pair, k))) for pair in top.tolist() for k in best if scan.are_different(*pair, k)}
+        grown = {tuple(sorted((*pair, k))) for pair in top.tolist() for k in best if k not in pair}
         if grown and len(log_number) > 3:
-            parts += scan.integrated(scan.promising(sorted(grown), 3 * _TRIPLES))[0]
-    factors, likely = dict[str, float](), dict[str, int]()
-    for label in labels:
-        own = [k for k, form in enumerate(forms) if form.label == label]
-        small = [alone[k] for k in visible if scan.ways[k].label == label]
-        without = np.logaddexp.reduce([log_none, *small])
+            parts += scan.integrated(scan.promising(np.array(sorted(grown)), 3 * _TRIPLES))[0]
+    factors = dict[str, float]()
+    for label, own in by_label.items():
+        without = np.logaddexp(log_none, alone[visible[label]]) if label in visible else log_none
         factors[label] = float(np.logaddexp.reduce(alone[own]) - without - np.log(weight[label]))
-        likely[label] = max(own, key=lambda k: alone[k])
+    likely = {label: own[0] for label, own in likeliest.items()}
     return _gathered(parts, log_number, weight, factors, likely, states, p.constant)
-
-
-class _Way(NamedTuple):
-    """A form, by number, with the label of its effect, as a gross effect or a small one."""
-
-    form: int
-    label: str
-    is_small: bool
-
-
-def _visible(ways: Sequence[_Way], alone: Floats, log_none: float) -> list[int]:
-    """The small ways, of effects of which these together have a Bayes factor of `NEEDED`, the likeliest of each."""
-    found = list[int]()
-    for label in dict.fromkeys(way.label for way in ways if way.is_small):
-        own = [k for k, way in enumerate(ways) if way.is_small and way.label == label]
-        if np.logaddexp.reduce(alone[own]) - log_none >= np.log(NEEDED):
-            found.append(max(own, key=lambda k: alone[k]))
-    return found
-
-
-def _best_forms(forms: Sequence[Form], alone: Floats) -> list[int]:
-    """The forms that are tried together: of each effect the likeliest two, of curves the likeliest eight."""
-    found = list[int]()
-    for label in dict.fromkeys(form.label for form in forms):
-        own = [k for k, form in enumerate(forms) if form.label == label]
-        found += sorted(own, key=lambda k: -alone[k])[: 8 if label == UNNAMED else 2]
-    return sorted(found)
 
 
 def _solved(factor: Floats, right: Floats) -> Floats:
@@ -287,154 +263,128 @@ def _state(p: LinearProblem, tau: float) -> _State:
     """At a common size of the small parts."""
     c = len(p.is_declared)
     widths = np.where(p.is_declared, 1.0, tau)
-    factor = np.linalg.cholesky(np.eye(c) + widths[:, None] * p.gram[:c, :c] * widths)
-    right = widths[:, None] * np.concatenate([p.gram[:c, c:], p.projected[:c, None]], axis=1)
-    half = _solved(np.asarray(factor, dtype=np.float64), right)
-    columns, y = half[:, :-1], half[:, -1]
-    return _State(
-        widths,
-        float(np.log(tau / (1 + tau**2))),
-        p.square - float(y @ y),
-        float(2 * np.log(np.diag(factor)).sum()),
-        p.gram[c:, c:] - columns.T @ columns,
-        p.projected[c:] - columns.T @ y,
-    )
+    factor = np.asarray(np.linalg.cholesky(np.eye(c) + widths[:, None] * p.gram[:c, :c] * widths), dtype=np.float64)
+    half = _solved(factor, widths[:, None] * p.gram[:c, c:])
+    return _State(widths, factor, half, p.gram[c:, c:] - half.T @ half)
 
 
 class _Scan:
     """Likelihoods of sets of effects, sizes integrated on the grid.
 
+    Its ways are all forms as gross effects, then those that are placed as small ones.
+
     Attributes:
-        ways: all forms as gross effects, then those that are placed as small ones.
-        bare: log evidence of no effect at each size of the small parts.
+        form: of each way, by number, (v,).
+        bare: log evidence of no effect at each size of the small parts, (t,).
     """
 
     def __init__(
         self, p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], log_weight: Floats, log_number: Floats
     ) -> None:
-        self.p, self.states, self.log_number = p, states, log_number
+        self.p, self.forms, self.log_number = p, forms, log_number
         placed = [k for k, form in enumerate(forms) if form.is_placed]
-        self.ways = [_Way(k, form.label, is_small=False) for k, form in enumerate(forms)]
-        self.ways += [_Way(k, forms[k].label, is_small=True) for k in placed]
-        self.bare = [
-            float(p.log_likelihood(np.array(s.square), np.array(s.log_determinant))) + s.log_prior for s in states
-        ]
+        self.form = np.array([*range(len(forms)), *placed], dtype=np.intp)
+        self.is_small = np.append(np.arange(len(self.form)) >= len(forms), False)
+        self.effect = np.unique([form.label for form in forms], return_inverse=True)[1][self.form]
+        prior = _TAUS / (1 + _TAUS**2)
+        self.log_tau = np.log(prior / prior.sum())
+        self.grams = [state.gram for state in states]
+        self.log_determinant = np.array([2 * np.log(np.diag(state.factor)).sum() for state in states])
+        self.bare = (
+            p.log_likelihood(np.array([gram[-1, -1] for gram in self.grams]), self.log_determinant) + self.log_tau
+        )
         log_share = np.log([form.share for form in forms])
         self.log_prior = np.concatenate([log_share + log_weight, log_share[placed]])
-        own = [forms[way.form].columns for way in self.ways]
+        own = [*(forms[k].columns for k in self.form), np.array([len(states[0].gram) - 1])]  # behind all ways y
         self.widths = np.array([len(one) for one in own], dtype=np.intp)
-        every, g = np.concatenate([*own, []]).astype(np.intp), int(self.widths.sum())
-        self.places = np.full((len(own), max(self.widths, default=0)), g)  # g: a column of zeros
-        first = np.cumsum(self.widths) - self.widths
-        for row, begin, width in zip(self.places, first.tolist(), self.widths.tolist(), strict=True):
-            row[:width] = begin + np.arange(width)
-        is_small = np.repeat([way.is_small for way in self.ways], self.widths)
-        self.padded = []
-        for tau, state in zip(_TAUS.tolist(), states, strict=True):
-            scale = np.where(is_small, tau, 1.0)
-            gram = scale[:, None] * state.gram[np.ix_(every, every)] * scale
-            self.padded.append((np.pad(gram, (0, 1)), np.pad(scale * state.projected[every], (0, 1))))
+        self.columns, self.first = np.concatenate(own).astype(np.intp), np.cumsum(self.widths) - self.widths
         x = SIZES / SCALE
         of_gross = np.log(x / (1 + x**2)) - np.log(np.sum(x / (1 + x**2)))
-        self.log_size = np.tile(of_gross, (len(self.ways), 1))
-        self.log_size[[way.is_small for way in self.ways]] = np.where(SIZES == 1.0, 0.0, -np.inf)  # τ is in the columns
-
-    def are_different(self, *ways: int) -> bool:
-        """Whether ways are of different effects."""
-        return len({self.ways[k].label for k in ways}) == len(ways)
+        # the size of a small one is τ, whatever the place on the grid: the first counts
+        self.log_size = np.where(self.is_small[:-1, None], np.where(SIZES == 1.0, 0.0, -np.inf), of_gross)
 
     def log_number_of(self, sets: Indices) -> Floats:
         """Log prior of the number of gross effects of sets of ways (m, k), (m,)."""
-        is_gross = np.array([not way.is_small for way in self.ways], dtype=bool)
-        return np.asarray(self.log_number[is_gross[sets].sum(axis=1)]) if len(sets) else np.zeros(0)
+        return np.asarray(self.log_number[(~self.is_small[sets]).sum(axis=1)])
+
+    def _alike(self, sets: Indices, states: Indices) -> Iterator[tuple[Indices, list[int], Floats]]:
+        """Those of sets of ways (m, k) whose widths are the same, by number, these widths, and A_V of their columns at
+        some sizes of the small parts, with b_V and y'V⁻¹y behind, (w + 1, w + 1, t, m).
+        """
+        kind = self.widths[sets] @ (1 + self.widths.max()) ** np.arange(sets.shape[1])
+        sets = np.column_stack([sets, np.full(len(sets), len(self.form))])
+        for one in np.unique(kind):
+            at = np.flatnonzero(kind == one)
+            each = self.widths[sets[at[0]]]
+            ways, number = np.repeat(sets[at].T, each, axis=0), np.concatenate([np.arange(w) for w in each])
+            columns = self.columns[self.first[ways] + number[:, None]]
+            place = columns[:, None] * len(self.grams[0]) + columns
+            yield at, each[:-1].tolist(), np.stack([self.grams[state].take(place) for state in states], axis=2)
 
     def integrated(self, sets: Indices) -> tuple[list[SizedSet], Floats]:
         """The parts of sets of ways (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
-        m, k = sets.shape
-        logs = np.full((m, len(self.states), len(SIZES) ** k), -np.inf)
-        grid = (self.log_prior[sets].sum(axis=1) + self.log_number_of(sets))[:, None]
-        for column in sets.T:
-            grid = (grid[:, :, None] + self.log_size[column][:, None]).reshape(m, -1)
-        width = self.widths[sets].max(axis=1, initial=0)
-        for w in np.unique(width).tolist():
-            at = np.flatnonzero(width == w)
-            for number, (state, (gram, projected)) in enumerate(zip(self.states, self.padded, strict=True)):
-                columns = self.places[sets[at], :w].reshape(len(at), -1)
-                blocks = gram[columns[:, :, None], columns[:, None, :]], projected[columns]
-                quad, log_determinant = _gains(*blocks, w, k)
-                likelihood = self.p.log_likelihood(state.square - quad, state.log_determinant + log_determinant)
-                logs[at, number] = likelihood + grid[at] + state.log_prior
-        every = logs.reshape(m, -1)
-        evidence = np.logaddexp.reduce(every, axis=1) if m else np.zeros(0)
-        sizes = np.array(np.meshgrid(*(SIZES,) * k, indexing='ij')).reshape(k, -1).T
+        (m, k), every = sets.shape, np.arange(len(self.grams))
+        order = np.argsort(-self.widths[sets], axis=1, kind='stable')  # the narrowest is left out at most sizes
+        sets, back = np.take_along_axis(sets, order, axis=1), np.argsort(order, axis=1)
+        grid = (len(SIZES),) * k + (len(every),)
+        logs = np.empty((*grid, m))
+        for at, widths, gram in self._alike(sets, every):
+            log_determinant = self.log_determinant[:, None]
+            for way, w in zip(sets[at].T, widths, strict=True):
+                sizes = np.where(self.is_small[way], _TAUS[:, None], SIZES[:, None, None])
+                sizes = sizes.reshape(-1, *(1,) * (gram.ndim - 4), *sizes.shape[1:])
+                gram, log_determinant = _without(gram[:, :, None], log_determinant, w, sizes)
+            logs[..., at] = self.p.log_likelihood(gram[0, 0], log_determinant)
+        logs += self.log_tau[:, None] + self.log_prior[sets].sum(axis=1) + self.log_number_of(sets)
+        for axis, column in enumerate(sets.T):
+            logs += self.log_size[column].T.reshape(-1, *(1,) * (axis + 1), m)
+        flat, most = logs.reshape(-1, m).T, logs.reshape(-1, m).max(axis=0)
+        evidence = most + np.log(np.exp(logs - most).reshape(-1, m).sum(axis=0))
+        places = np.argpartition(-flat, _PARTS, axis=1)[:, :_PARTS]
+        places = np.take_along_axis(places, np.argsort(-np.take_along_axis(flat, places, axis=1), axis=1), axis=1)
+        *of_each, state = np.unravel_index(places, grid)
+        sizes = np.where(self.is_small[sets][..., None], _TAUS[state][:, None], SIZES[np.stack(of_each[::-1], axis=1)])
+        sizes, sets = np.take_along_axis(sizes, back[..., None], axis=1), np.take_along_axis(sets, back, axis=1)
+        highest, flat = evidence.max(initial=-np.inf), np.take_along_axis(flat, places, axis=1)
+        number = np.where(evidence > highest - _NEGLIGIBLE / 2, _PARTS, 1)
+        taken = np.logaddexp.accumulate(flat, axis=1)[np.arange(m), number - 1]
+        flat = flat + (evidence - taken)[:, None]  # the rest counts with these
+        each = (flat.tolist(), sizes.swapaxes(1, 2).tolist(), state.tolist())
         parts = list[SizedSet]()
-        most = evidence.max(initial=-np.inf)
-        for row, (one, log) in enumerate(zip(sets.tolist(), evidence.tolist(), strict=True)):
-            if log < most - _NEGLIGIBLE and k > 1:
-                continue
-            ways = [self.ways[number] for number in one]
-            labels = frozenset(way.label for way in ways if not way.is_small)
-            order = np.argsort(-every[row])[: _PARTS if log > most - _NEGLIGIBLE / 2 else 1]
-            taken = np.exp(np.logaddexp.reduce(every[row, order]) - log)
-            for place in order.tolist():  # the rest counts with these
-                number, size = divmod(place, logs.shape[2])
-                of_each = zip(ways, sizes[size].tolist(), strict=True)
-                own = tuple(float(_TAUS[number]) if way.is_small else size for way, size in of_each)
-                log_part = float(every[row, place] - np.log(taken))
-                parts.append(SizedSet(log_part, labels, tuple(way.form for way in ways), own, number))
+        for row in np.flatnonzero((evidence >= highest - _NEGLIGIBLE) | (k == 1)).tolist():
+            ways = sets[row]
+            forms = tuple(self.form[ways].tolist())
+            gross = frozenset(self.forms[k].label for k in self.form[ways[~self.is_small[ways]]])
+            some = zip(*(one[row][: number[row]] for one in each), strict=True)
+            parts += [SizedSet(log, gross, forms, tuple(size), place) for log, size, place in some]
         return parts, evidence
 
-    def promising(self, sets: Sequence[tuple[int, ...]], most: int = _PAIRS) -> Indices:
+    def promising(self, sets: Indices, most: int) -> Indices:
         """The sets that are likeliest at the likeliest sizes of the small parts, by one size for all gross effects."""
-        every = np.array(sets, dtype=np.intp).reshape(len(sets), -1)
-        k, guess, prior = every.shape[1], np.full(len(every), -np.inf), self.log_prior[every].sum(axis=1)
-        prior += self.log_number_of(every)
-        is_small = np.array([way.is_small for way in self.ways], dtype=bool)[every]
-        width, likeliest = self.widths[every].max(axis=1, initial=0), int(np.argmax(self.bare))
-        for number in {likeliest, min(likeliest, 2)}:
-            state, (gram, projected) = self.states[number], self.padded[number]
-            for w in np.unique(width).tolist():
-                at = np.flatnonzero(width == w)
-                columns = self.places[every[at], :w].reshape(len(at), -1)
-                a, b = gram[columns[:, :, None], columns[:, None, :]], projected[columns]
-                for size in SIZES[[2, 4, 6]].tolist():
-                    scale = np.repeat(np.where(is_small[at], 1.0, size), w, axis=1)
-                    inside = np.eye(k * w) + scale[:, :, None] * a * scale[:, None]
-                    right = scale * b
-                    quad = (right * np.linalg.solve(inside, right[..., None])[..., 0]).sum(axis=1)
-                    log = self.p.log_likelihood(
-                        state.square - quad, state.log_determinant + np.linalg.slogdet(inside)[1]
-                    )
-                    guess[at] = np.maximum(guess[at], log + prior[at])
-        return every[np.argsort(-guess)[:most]]
+        effects = np.sort(self.effect[sets], axis=1)
+        sets = sets[(np.diff(effects) > 0).all(axis=1)]  # of different effects
+        guess, likeliest = np.empty(len(sets)), int(np.argmax(self.bare))
+        states = np.unique([likeliest, min(likeliest, 2)])
+        for at, widths, gram in self._alike(sets, states):
+            gram, log_determinant = gram[:, :, None], self.log_determinant[states, None]
+            for way, w in zip(sets[at].T, widths, strict=True):
+                sizes = np.where(self.is_small[way], _TAUS[states, None], SIZES[[2, 4, 6], None, None])
+                gram, log_determinant = _without(gram, log_determinant, w, sizes)
+            guess[at] = self.p.log_likelihood(gram[0, 0], log_determinant).max(axis=(0, 1))
+        guess += self.log_prior[sets].sum(axis=1) + self.log_number_of(sets)
+        return sets[np.argsort(-guess)[:most]]
 
 
-def _gains(gram: Floats, projected: Floats, w: int, k: int) -> tuple[Floats, Floats]:
-    """Decreases of the sum of squares and log determinants by k effects of w columns each at all sizes, (m, S^k).
-
-    The first effect at each size is taken off what the others see; the sizes of the last follow from its eigenvalues.
+def _without(gram: Floats, log_determinant: Floats, width: int, sizes: Floats) -> tuple[Floats, Floats]:
+    """A_V, b_V and y'V⁻¹y, (c, c, ...), without the first columns, and the log determinants, (...), where these are a
+    gross effect of some sizes, (...).
     """
-    m = len(gram)
-    a, b = gram[:, None], projected[:, None]
-    quad, log_determinant = np.zeros((m, 1)), np.zeros((m, 1))
-    for _ in range(k - 1):
-        own = a[:, :, None, :w, :w] + np.eye(w) / SIZES[:, None, None] ** 2
-        right = np.concatenate([a[:, :, :w, w:], b[:, :, :w, None]], axis=-1)[:, :, None]
-        solved = np.linalg.solve(own, np.broadcast_to(right, (*own.shape[:3], *right.shape[3:])))
-        quad = quad[:, :, None] + (b[:, :, None, :w] * solved[..., -1]).sum(axis=-1)
-        log_determinant = log_determinant[:, :, None] + np.linalg.slogdet(own)[1] + 2 * w * np.log(SIZES)
-        across = a[:, :, None, w:, :w]
-        a = a[:, :, None, w:, w:] - across @ solved[..., :-1]
-        b = b[:, :, None, w:] - (across @ solved[..., -1:])[..., 0]
-        a, b = a.reshape(m, -1, *a.shape[3:]), b.reshape(m, -1, b.shape[-1])
-        quad, log_determinant = quad.reshape(m, -1), log_determinant.reshape(m, -1)
-    values, vectors = np.linalg.eigh(a)
-    values = np.maximum(values, 0.0)[:, :, None]
-    along = (vectors.swapaxes(-1, -2) @ b[..., None])[..., 0][:, :, None]
-    s2 = SIZES[:, None] ** 2
-    quad = quad[:, :, None] + (s2 * along**2 / (1 + s2 * values)).sum(axis=-1)
-    log_determinant = log_determinant[:, :, None] + np.log1p(s2 * values).sum(axis=-1)
-    return quad.reshape(m, -1), log_determinant.reshape(m, -1)
+    pivots, least = list[Floats](), sizes**-2.0
+    for _ in range(width):
+        pivots.append(np.maximum(gram[0, 0] + least, least))
+        taken = gram[1:, :1] * (gram[:1, 1:] / pivots[-1])
+        gram = np.subtract(gram[1:, 1:], taken, out=taken)
+    return gram, log_determinant + np.log(np.array(pivots) / least).sum(axis=0)
 
 
 def _gathered(
@@ -450,8 +400,8 @@ def _gathered(
     total = float(np.logaddexp.reduce([part.log for part in parts]))
     by_labels = defaultdict[Labels, list[SizedSet]](list)
     for part in parts:
-        by_labels[part.labels].append(part._replace(log=part.log - total))
-    logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) for labels, own in by_labels.items()}
+        by_labels[part.labels].append(part)
+    logs = {labels: float(np.logaddexp.reduce([part.log for part in own])) - total for labels, own in by_labels.items()}
     priors = {labels: log_number[len(labels)] + sum(np.log(weight[x]) for x in sorted(labels)) for labels in logs}
     merged_into = {labels: [labels] for labels in logs}
     for labels in sorted(logs, key=len, reverse=True):
@@ -494,17 +444,14 @@ def components(
         parts: the sized sets of each group.
         lift: rows of values by Δ in the basis of J and the columns, (v, b + c + g).
     """
-    b, c = len(p.of_residual), len(p.is_declared)
+    b, c = len(p.along), len(p.is_declared)
     by_base = lift[:, :b] @ linalg.solve_triangular(p.triangle, np.eye(b), check_finite=False)
-    by_columns, of_base = lift[:, b:] - by_base @ p.of_columns, by_base @ p.of_residual
-    plain = dict[int, tuple[Floats, Floats, Floats]]()
+    by_columns = np.pad(lift[:, b:], ((0, 0), (0, 1))) - by_base @ p.along  # the last: the mean without gross effects
+    plain = dict[int, tuple[Floats, Floats]]()
     for number in {part.state for group in parts for part in group}:
-        width = states[number].widths
-        factor = np.linalg.cholesky(np.eye(c) + width[:, None] * p.gram[:c, :c] * width)
-        right = [p.gram[:c, c:], p.projected[:c, None], by_columns[:, :c].T]
-        half = _solved(np.asarray(factor), width[:, None] * np.concatenate(right, axis=1))
-        gross, y, rows = half[:, : len(p.gram) - c], half[:, len(p.gram) - c], half[:, len(p.gram) - c + 1 :].T
-        plain[number] = -rows @ y - of_base, rows @ rows.T + by_base @ by_base.T, by_columns[:, c:] - rows @ gross
+        state = states[number]
+        rows = _solved(state.factor, state.widths[:, None] * by_columns[:, :c].T).T
+        plain[number] = rows @ rows.T + by_base @ by_base.T, by_columns[:, c:] - rows @ state.half
     found = list[Component]()
     for group in parts:
         means, roots, weights = list[Floats](), list[Floats](), list[Floats]()
@@ -513,19 +460,19 @@ def components(
         for part in group:
             alike[part.state, sum(len(forms[k].columns) for k in part.forms)].append(part)
         for (number, _), some in alike.items():
-            state, (mean, covariance, change) = states[number], plain[number]
+            gram, (covariance, change) = states[number].gram, plain[number]
             own = [[forms[k].columns for k in part.forms] for part in some]
             columns = np.array([np.concatenate([*one, []]) for one in own], dtype=np.intp)
             each = (np.repeat(x.sizes, [len(k) for k in one]) for x, one in zip(some, own, strict=True))
             precision = np.power(np.array(list(each)), -2.0)[:, :, None] * np.eye(columns.shape[1])
-            root = np.linalg.cholesky(state.gram[columns[:, :, None], columns[:, None, :]] + precision)
-            right = [change[:, columns].transpose(1, 2, 0), state.projected[columns][..., None]]
+            root = np.linalg.cholesky(gram[columns[:, :, None], columns[:, None, :]] + precision)
+            right = [change[:, columns].transpose(1, 2, 0), gram[columns, -1:]]
             rows = np.linalg.solve(root, np.concatenate(right, axis=2))
             rows, y = rows[..., :-1], rows[..., -1:]
-            noise = np.ones(len(some)) if p.noise_given else (state.square - (y**2).sum(axis=(1, 2))) / p.freedoms
+            noise = np.ones(len(some)) if p.noise_given else (gram[-1, -1] - (y**2).sum(axis=(1, 2))) / p.freedoms
             weight = np.exp([part.log - most for part in some])
             weights.append(weight)
-            means.append(mean - (rows * y).sum(axis=1))
+            means.append(change[:, -1] - (rows * y).sum(axis=1))
             roots.append((np.sqrt(weight * noise)[:, None, None] * rows).reshape(-1, len(lift)))
             second += (weight @ noise) * covariance
         weight, mean = np.concatenate(weights), np.concatenate(means)

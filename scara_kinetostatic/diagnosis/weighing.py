@@ -121,7 +121,7 @@ class Weighed(NamedTuple):
 
     def mixture(self) -> Mixture:
         """The values by each set of at least `LEAST` of which they can be stated; empty where there is none."""
-        b, c = len(self.linear.of_residual), len(self.linear.is_declared)
+        b, c = len(self.linear.along), len(self.linear.is_declared)
         known, fit, odds = np.asarray(np.isfinite(self.lift).all(axis=0)), self.model.fit, self.odds
         named, probabilities = list[Labels](), list[float]()
         own, with_undetected = list[list[SizedSet]](), list[list[SizedSet]]()

@@ -151,6 +151,31 @@ class Trial(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Grid(Sequence[Trial]):
+    """The trials of an effect at places of its `Effect.grid_parameter`, all at once.
+
+    Attributes:
+        places: (t,).
+        columns: as of `Trial`, with δ and d of all places, (t, n, 2).
+        values: from the coefficients found at a place, and the place, to values of the effect's parameters.
+        sensor_errors: as of `Trial`, (t, n, 2) each.
+    """
+
+    places: Floats
+    columns: tuple[Shift, ...]
+    values: Callable[[Floats, float], Floats] = np.append
+    sensor_errors: tuple[Floats, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, k: Any) -> Any:
+        columns, errors = tuple(one_of(x, k) for x in self.columns), tuple(error[k] for error in self.sensor_errors)
+        place = float(self.places[k])
+        return Trial(columns, errors, lambda coefficients: self.values(coefficients, place), place)
+
+
+@dataclass(frozen=True)
 class Effect(EffectLaw):
     """A physical effect that the base model lacks.
 
@@ -369,7 +394,7 @@ class EffectOfJoint(Effect):
         return [cls.of(joint) for joint in (0, 1)]
 
     def turned(self, *angles: Floats) -> tuple[Shift, ...]:
-        """Shifts by angles of the joint, (n,) each, rad."""
+        """Shifts by angles of the joint, (..., n) each, rad."""
         return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in angles)
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
@@ -461,10 +486,15 @@ class DiscEffect(LinearEffect):
 
 
 def at_joint(angle: Floats, joint: int) -> Floats:
-    """δ (n, 2) that is `angle` (n,) at one joint and zero at the other."""
-    out = np.zeros((len(angle), 2))
-    out[:, joint] = angle
+    """δ (..., n, 2) that is `angle` (..., n) at one joint and zero at the other."""
+    out = np.zeros((*angle.shape, 2))
+    out[..., joint] = angle
     return out
+
+
+def one_of(shifts: Shift, k: int) -> Shift:
+    """One of several shifts at once, δ and d (t, n, 2) each."""
+    return Shift(*(None if part is None else part[k] for part in shifts))
 
 
 def moved(at: TouchState, *places: Floats) -> tuple[Shift, ...]:

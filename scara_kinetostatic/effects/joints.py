@@ -24,7 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import ANGLE, FINER, EffectOfJoint, JointEffect, PlotAxis, Trial
+from scara_kinetostatic.effects.base import ANGLE, FINER, EffectOfJoint, Grid, JointEffect, PlotAxis, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import wrap
@@ -234,12 +234,7 @@ class TransmissionError(EffectOfJoint):
     def _at(self, angle: Floats, cycles: Floats) -> Sequence[Trial]:
         """A trial for each frequency."""
         phase = np.multiply.outer(cycles, angle)
-        waves = np.zeros((len(cycles), 2, len(angle), 2))
-        waves[:, 0, :, self.joint], waves[:, 1, :, self.joint] = np.cos(phase), np.sin(phase)
-        return [
-            Trial((Shift(cosine), Shift(sine)), values=partial(_as_wave, cycles=place), place=place)
-            for (cosine, sine), place in zip(waves, cycles.tolist(), strict=True)
-        ]
+        return Grid(cycles, self.turned(np.cos(phase), np.sin(phase)), _as_wave)
 
 
 def frequencies(angle: Floats) -> Floats:
@@ -328,11 +323,7 @@ class JointSlip(EffectOfJoint):
 
     def _at(self, history: Floats, load: Floats, friction: Floats) -> Sequence[Trial]:
         """A trial for each value of the friction."""
-        slips, _ = self._slipped(history, load, friction[:, None])
-        return [
-            Trial(self.turned(slipped), values=partial(np.append, values=place), place=place)
-            for slipped, place in zip(slips, friction.tolist(), strict=True)
-        ]
+        return Grid(friction, self.turned(self._slipped(history, load, friction[:, None])[0]))
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""

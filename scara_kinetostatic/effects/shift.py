@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -23,6 +23,7 @@ from scara_kinetostatic.effects.base import (
     FINER,
     LENGTH,
     Effect,
+    Grid,
     JointEffect,
     LinearEffect,
     Trial,
@@ -31,7 +32,7 @@ from scara_kinetostatic.effects.base import (
 )
 from scara_kinetostatic.effects.objects import ObjectPosition
 from scara_kinetostatic.effects.robot import SensorBias
-from scara_kinetostatic.model.arrays import Floats, over_arrays, pick
+from scara_kinetostatic.model.arrays import Floats, over_arrays
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
@@ -283,12 +284,9 @@ class Stepped(_Shifting, Effect):
         moments = moments if len(moments) else np.array([0.0 if self.effect.is_estimated else np.inf])
         still = np.zeros(len(self.effect.parameters))
         weight = self._weight(at.metadata, len(force), moments[:, None])
-        units = tuple(_times(weight, unit) for unit in self.effect.derivative(at, still))
-        errors = tuple(weight * error for error in self.effect.sensor_error_derivative(force, still, at.metadata))
-        return [
-            Trial(*pick((units, errors), k), partial(np.append, values=moment), moment)
-            for k, moment in enumerate(moments.tolist())
-        ]
+        units = [_times(weight, unit) for unit in self.effect.derivative(at, still)]
+        errors = [weight * error for error in self.effect.sensor_error_derivative(force, still, at.metadata)]
+        return Grid(moments, tuple(units), sensor_errors=tuple(errors))
 
 
 def _times(weight: Floats | float, shift: Shift) -> Shift:

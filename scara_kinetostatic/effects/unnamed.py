@@ -29,6 +29,7 @@ from scara_kinetostatic.effects.base import (
     SensorEffect,
     Variable,
     at_joint,
+    one_of,
 )
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
@@ -154,18 +155,19 @@ class Unnamed(LinearEffect):
         return variable.axis(at, joint)
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(self._of(at, part) for part in self.functions(at))
+        shifts = self._of(at, np.array(self.functions(at)))
+        return tuple(one_of(shifts, k) for k in range(len(self.parameters)))
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return self._of(at, values @ np.array(self.functions(at)))
 
     def _of(self, at: TouchState, curve: Floats) -> Shift:
-        """The shift by a function of the variable, (n,)."""
+        """The shift by a function of the variable, (n,), or by several at once, (k, n)."""
         if self.disc >= 0:
             curve = curve * (at.metadata.disc == self.disc)
         if self.channel in _OF_JOINTS:
             return Shift(joints=at_joint(curve, _OF_JOINTS.index(self.channel)))
-        return Shift(place=curve[:, None] * (at.normal if self.channel == 'along' else at.tangent))
+        return Shift(place=curve[..., None] * (at.normal if self.channel == 'along' else at.tangent))
 
 
 def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:

@@ -15,6 +15,7 @@ Sources: Cook and Weisberg, Residuals and Influence in Regression (1982), chapte
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,17 +115,26 @@ def independent_part(
     Returns:
         The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
     """
-    scale = np.linalg.norm(columns, axis=0)
-    nonzero = scale > 0
-    columns = columns[:, nonzero] / scale[nonzero]
-    if not columns.size:
-        return np.empty((len(columns), 0)), 0.0
-    u, values, vt = np.linalg.svd(columns - base @ (base.T @ columns), full_matrices=False)
-    independent = values > least
-    if noise is not None:
-        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
-        independent &= made**2 <= most_noise * values**2
-    return u[:, independent], min(1.0, float(values[0]))
+    return independent_parts(base, columns, [columns.shape[1]], least, noise, most_noise)[0]
+
+
+def independent_parts(
+    base: Floats, columns: Floats, widths: Sequence[int], least: float, noise: Floats | None, most_noise: float
+) -> list[tuple[Floats, float]]:
+    """`independent_part` of each of several groups of columns side by side, of some widths."""
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    columns = columns * scale
+    left = columns - base @ (base.T @ columns)
+    gram, made = left.T @ left, np.zeros((len(size),) * 2) if noise is None else (noise * scale).T @ (noise * scale)
+    found, first = list[tuple[Floats, float]](), 0
+    for width in widths:
+        at = slice(first, first := first + width)
+        square, vectors = np.linalg.eigh(gram[at, at])
+        independent = (square > least**2) & ((vectors * (made[at, at] @ vectors)).sum(axis=0) <= most_noise * square)
+        unit = left[:, at] @ (vectors[:, independent] / np.sqrt(square[independent]))
+        found.append((unit, min(1.0, float(square.max(initial=0.0)) ** 0.5)))
+    return found
 
 
 def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
