@@ -27,7 +27,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
-from scara_kinetostatic.pipeline import gather_touches, recording_of
+from scara_kinetostatic.pipeline import gather_touches, recordings_of
 from scara_kinetostatic.report.quantities import micrometres
 from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
@@ -179,7 +179,7 @@ def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, ce
     others = [Path(path) for path in paths if path not in tables]
     used = cell_of_files(record.arm.cell if cell is None else cell, tables, others)
     detection = gather_touches(paths, used)
-    recordings = [recording_of(*row) for row in zip(paths, detection.starts, detection.turned, strict=True)]
+    recordings = recordings_of(detection, paths)
     differing: list[str] = []
     if cell is None:
         for path in others:
