@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_files
+    from scara_kinetostatic.results.files import RESIDUALS, RESULTS, residual_table, write_results
     from scara_kinetostatic.results.report import text_report
-    from scara_kinetostatic.results.write import RESIDUALS, RESULTS, residual_table, write_results
 
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
     results = [(args.out / name).resolve() for name in RESULTS]

@@ -31,9 +31,8 @@ from scara_kinetostatic.monitoring.report import history_report
 from scara_kinetostatic.pipeline import calibrate_files
 from scara_kinetostatic.report import Block, Report, Section, Table, Verdict, drawn
 from scara_kinetostatic.report.quantities import count
-from scara_kinetostatic.results.calibration_json import NAME
+from scara_kinetostatic.results.files import JSON, write_results
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
-from scara_kinetostatic.results.write import write_results
 from scara_kinetostatic.threads import one_thread
 from scara_kinetostatic.touches.detection import cell_of_files
 
@@ -109,7 +108,7 @@ def recalibrate(task: Task) -> tuple[Row, bool]:
 def _is_result(task: Task, cell: Cell) -> bool:
     """Whether the folder has the result of this recording, cell description and version."""
     try:
-        record = CalibrationRecord.load(Path(task.folder) / NAME)
+        record = CalibrationRecord.load(Path(task.folder) / JSON)
     except InputError:
         return False
     is_same = record.arm.cell == cell and record.document.get('version') == __version__
@@ -119,7 +118,7 @@ def _is_result(task: Task, cell: Cell) -> bool:
 
 def _row(task: Task, robot: str) -> Row:
     """That of the result in the folder; SI units, empty where there is no number."""
-    record = CalibrationRecord.load(Path(task.folder) / NAME)
+    record = CalibrationRecord.load(Path(task.folder) / JSON)
     found = record.document['diagnosis']['effects']
     effects = '; '.join(f'{one["name"]}[{one["target"]}]' if one['target'] else one['name'] for one in found)
     known = task.recording, robot, record.measured, record.arm.grade, record.arm.verdict, effects, task.folder, ''
@@ -155,7 +154,7 @@ def _trend(job: tuple[str, str, Sequence[str]]) -> tuple[str, Block]:
         InputError: a result cannot be read, or they are of different robots.
     """
     figure, robot, results = job
-    records = [CalibrationRecord.load(Path(folder) / NAME) for folder in results]
+    records = [CalibrationRecord.load(Path(folder) / JSON) for folder in results]
     for record in records[1:]:
         check_same_arm(records[0].arm.cell, record.arm.cell, records[0].source, record.source)
     entries = [Entry(number, robot, record) for number, record in enumerate(records, 1)]

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark
-from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.assessment.outcome import Assessment, Grade, Limits, Recording, Remark
 from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
