@@ -31,7 +31,6 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from markupsafe import Markup
-from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import InputError, did_you_mean, one_line
 from scara_kinetostatic.files.atomic import KIB, MIB, read_file
@@ -112,6 +111,8 @@ def place_of_arm(cell: Cell) -> dict[str, Any]:
 
     The reading of a coupled joint has those of its angle and the part of joint 1 together.
     """
+    from scipy.spatial.transform import Rotation
+
     plane, lift = cell.plane, cell.lift
     limits = np.array(turned_limits(cell.limits, cell.direction) or np.zeros((2, 2)))
     limits[1] += np.sort(cell.coupling * limits[0])
@@ -349,6 +350,8 @@ class RobotDescription:
             link: its name.
             positions: of joints by name, rad or m; 0 of those that are not there.
         """
+        from scipy.spatial.transform import Rotation
+
         found = np.eye(4)
         for joint in self.chain(link):
             step = np.eye(4)
