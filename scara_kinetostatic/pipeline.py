@@ -123,11 +123,10 @@ def _detect(
     paths: Sequence[str | Path], cell: Cell, left_out: Sequence[LeftOut], progress: Progress
 ) -> tuple[Detection, Cell]:
     """The touches of recordings and tables without those left out, and the cell as these files are to be read."""
-    recordings = [path for path in paths if not is_touch_table(path)]
-    cell = cell_of_files(cell, [path for path in paths if path not in recordings], recordings)
+    cell = cell_of_files(cell, paths)
     detection = leave_out(gather_touches(paths, cell, progress), left_out)
     if len(detection.held) < FEWEST_TOUCHES:
-        _check_units(recordings, cell)
+        _check_units([path for path in paths if not is_touch_table(path)], cell)
     return detection, cell
 
 
@@ -202,9 +201,7 @@ def calibrate_touches(
     if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
     try:
-        if not len(detection.touches):
-            raise _no_touches(detection, names)
-        _check_limits(detection.touches, cell)
+        _check_usable(detection, cell, names)
         progress(f'fitting {len(detection.touches)} touches', 0.0)
         calibration, unsupported = _base_fit(detection, cell, fixed, names)
         progress('diagnosing the model', 0.3)
@@ -274,18 +271,27 @@ def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Pat
     names, mistake = ', '.join(map(str, sources)), check_touches(detection.held, cell, origin=_origin(sources)).found
     if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
-    if not len(detection.touches):
-        raise _no_touches(detection, names)
-    _check_limits(detection.touches, cell)
+    _check_usable(detection, cell, names)
     return detection.touches
 
 
-def _check_limits(touches: TouchSet, cell: Cell) -> None:
-    """Check that the limits of the joints do not exclude all touches, or nearly all.
+def _check_usable(detection: Detection, cell: Cell, names: str) -> None:
+    """Check that there are touches, and that the limits of the joints do not exclude all of them, or nearly all.
 
     Raises:
-        CellError: they do.
+        CellError: the limits do.
+        UnsupportedDataError: there is none; `names` of its files.
     """
+    touches = detection.touches
+    if not len(touches):
+        problem = 'no contact found'
+        if detection.found:
+            problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
+        kinds = {rejection.kind for rejection in detection.rejected}
+        remedy = 'keep some' if kinds == {'request'} else 'see what `inspect` says about the recording'
+        if kinds <= {'gap', 'unsteady'}:
+            remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
+        raise UnsupportedDataError(f'{names}: {problem}', remedy)
     beyond = int((~cell.can_take(touches.joints)).sum())
     if beyond <= (1 - LEAST_WITHIN) * len(touches):
         return
@@ -374,18 +380,6 @@ def _check_converged(final: Calibration, detection: Detection, names: str) -> No
             'an upright arm needs `gravity`, and touches with several forces',
         )
         raise _with_rejections(error, detection, names)
-
-
-def _no_touches(detection: Detection, names: str) -> UnsupportedDataError:
-    """The error of a detection without a touch that can be used; `names` of its files."""
-    problem = 'no contact found'
-    if detection.found:
-        problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
-    kinds = {rejection.kind for rejection in detection.rejected}
-    remedy = 'keep some' if kinds == {'request'} else 'see what `inspect` says about the recording'
-    if kinds <= {'gap', 'unsteady'}:
-        remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
-    return UnsupportedDataError(f'{names}: {problem}', remedy)
 
 
 def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:

@@ -23,7 +23,7 @@ from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.tables import csv_cell, csv_lines, is_touch_table
+from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.history import Entry, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, robot_name
@@ -94,9 +94,8 @@ def recalibrate(task: Task) -> tuple[Row, bool]:
             raise InputError('the worker', f'has version {__version__}, the command {task.version}', 'install one')
         cell = load_cell(task.cell) if task.cell else recorded_cell([recording], '--cell')
         robot = robot_name(cell) or cell.identification.cell or recording.parent.name
-        files = ([recording], []) if is_touch_table(recording) else ([], [recording])
         with _ALONE, one_thread:
-            is_there = _is_result(task, cell_of_files(cell, *files))
+            is_there = _is_result(task, cell_of_files(cell, [recording]))
             if not is_there:
                 outcome = calibrate_files([recording], Path(task.cell) if task.cell else None)
                 write_results(outcome, task.folder, report=task.report)

@@ -174,13 +174,12 @@ def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, ce
         InputError: tables together with recordings of a sensor in the tool frame; a recording of another robot.
         UnsupportedDataError: there is no touch.
     """
-    tables = [path for path in paths if is_touch_table(path)]
-    others = [Path(path) for path in paths if path not in tables]
-    used = cell_of_files(record.arm.cell if cell is None else cell, tables, others)
+    used = cell_of_files(record.arm.cell if cell is None else cell, paths)
     detection = gather_touches(paths, used)
     recordings = recordings_of(detection, paths)
     differing: list[str] = []
     if cell is None:
+        others = [Path(path) for path in paths if not is_touch_table(path)]
         for path in others:
             check_same_recorded(used, path, record.source)
         # the noise is that of the calibration, the tolerance what its use allows
