@@ -103,6 +103,11 @@ def as_complex(vectors: Floats) -> Complexes:
     return np.ascontiguousarray(vectors).view(complex)[:, 0]
 
 
+def interpolated(at: NDArray[Any], places: NDArray[Any], vectors: Floats) -> Floats:
+    """Vectors (n, 2) at increasing places (n,), interpolated at others (k,): (k, 2); beyond the ends those there."""
+    return pairs(np.interp(at, places, as_complex(vectors)))
+
+
 def along_and_across(vectors: Floats, force: Floats) -> Floats:
     """Components of vectors (n, 2) along and across forces (n, 2)."""
     along = force / np.hypot(force[:, 0], force[:, 1])[:, None]
