@@ -31,9 +31,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from markupsafe import Markup
+from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import InputError, did_you_mean, one_line
-from scara_kinetostatic.files.atomic import KIB, MIB, read_file
+from scara_kinetostatic.files.atomic import KIB, MIB, read_file, render
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import BASE_FRAME as BASE_FRAME
 from scara_kinetostatic.model.cell import Cell, turned_limits
@@ -57,27 +58,6 @@ def comment(line: str) -> str:
 def xacro(text: str) -> str:
     """A text in which xacro evaluates nothing but the dollar signs themselves."""
     return text.replace('$', "${'$'}")
-
-
-def render(path: Path, *, escape: bool = True, **values: Any) -> str:
-    """The text of a Jinja template with its values; one that is missing is an error.
-
-    Args:
-        path: the template; it may include others of its folder.
-        escape: whether values are escaped as HTML and XML need it.
-        values: by name.
-    """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(path.parent),
-        autoescape=escape,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(path.name).render(**values)
 
 
 def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOMINAL_COLOUR, comment: str = '') -> str:
@@ -111,8 +91,6 @@ def place_of_arm(cell: Cell) -> dict[str, Any]:
 
     The reading of a coupled joint has those of its angle and the part of joint 1 together.
     """
-    from scipy.spatial.transform import Rotation
-
     plane, lift = cell.plane, cell.lift
     limits = np.array(turned_limits(cell.limits, cell.direction) or np.zeros((2, 2)))
     limits[1] += np.sort(cell.coupling * limits[0])
@@ -350,8 +328,6 @@ class RobotDescription:
             link: its name.
             positions: of joints by name, rad or m; 0 of those that are not there.
         """
-        from scipy.spatial.transform import Rotation
-
         found = np.eye(4)
         for joint in self.chain(link):
             step = np.eye(4)

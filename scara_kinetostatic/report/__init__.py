@@ -310,7 +310,7 @@ def drawn(block: Block) -> Block:
 
 def as_page(report: Report) -> str:
     """The page, with all figures drawn."""
-    from scara_kinetostatic.files.urdf import render
+    from scara_kinetostatic.files.atomic import render
     from scara_kinetostatic.report.figure import style
 
     template = Path(__file__).with_name('report.html.j2')
