@@ -33,6 +33,7 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 
 Progress = Callable[[str, float], None]
@@ -77,11 +78,11 @@ def calibrate_files(
         parse_fixed(text, fixed_option)
     entries = parse_left_out(left_out, left_out_option)
     paths = list(map(Path, kept_recordings(recordings, entries)))
-    entries = tuple(entry for entry in entries if isinstance(entry, range))
     cell = load_cell(cell_file) if cell_file else recorded_cell(paths, cell_option)
     values = fixed_values(fixed, cell.nominal, fixed_option)
     try:
-        outcome = calibrate_recordings(paths, cell, fixed=values, left_out=entries, progress=progress)
+        detection, read_as = _detect(paths, cell, entries, progress)
+        outcome = calibrate_touches(detection, read_as, fixed=values, sources=paths, progress=progress)
     except CellError as error:
         where = cell_file or f'the cell description in {paths[0]}'
         raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
@@ -114,26 +115,19 @@ def calibrate_recordings(
         ParameterError: `fixed` names no parameter, or `left_out` no touch or recording.
     """
     paths = kept_recordings(paths, left_out)
-    tables = [path for path in paths if is_touch_table(path)]
-    cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
+    detection, cell = _detect(paths, cell, left_out, progress)
+    return calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
+
+
+def _detect(
+    paths: Sequence[str | Path], cell: Cell, left_out: Sequence[LeftOut], progress: Progress
+) -> tuple[Detection, Cell]:
+    """The touches of recordings and tables without those left out, and the cell as these files are to be read."""
+    cell = cell_of_files(cell, paths)
     detection = leave_out(gather_touches(paths, cell, progress), left_out)
     if len(detection.held) < FEWEST_TOUCHES:
-        _check_units([path for path in paths if path not in tables], cell)
-    sources = zip(paths, detection.starts, detection.turned, strict=True)
-    recordings = tuple(recording_of(*source) for source in sources)
-    outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
-    return replace(outcome, recordings=recordings)
-
-
-def recording_of(path: str | Path, start: int, turned: str) -> Recording:
-    """A recording with its checksum.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
-    with reading(path):
-        begun = datetime.fromtimestamp(start // 10**9, timezone.utc) if start > 0 else None
-        return Recording(str(path), recording_checksum(path), begun, turned)
+        _check_units([path for path in paths if not is_touch_table(path)], cell)
+    return detection, cell
 
 
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress = _unreported) -> Detection:
@@ -207,10 +201,13 @@ def calibrate_touches(
     if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
     try:
-        if not len(detection.touches):
-            raise _no_touches(detection, names)
-        _check_limits(detection.touches, cell)
-        calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
+        _check_usable(detection, cell, names)
+        progress(f'fitting {len(detection.touches)} touches', 0.0)
+        calibration, unsupported = _base_fit(detection, cell, fixed, names)
+        progress('diagnosing the model', 0.3)
+        diagnosis = diagnose(calibration)
+        if unsupported is not None and diagnosis.verdict != 'explained':
+            raise unsupported
         calibration = diagnosis.refitted or calibration
         progress('predicting held-out touches', 0.8)
         final = diagnosis.extended or calibration
@@ -223,6 +220,7 @@ def calibrate_touches(
         if (mistake := mistake or check.displaced()) is None:
             raise
         raise mistake.error(names) from error
+    recordings = recordings_of(detection, sources)
     progress('done', 1.0)
     before_fit = [item for item in calibration.rejected if item.index not in calibration.touches.index]
     rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}
@@ -238,7 +236,22 @@ def calibrate_touches(
         check=check,
         discriminate=_discrimination,
         sources=tuple(map(str, sources)),
+        recordings=recordings,
     )
+
+
+def recordings_of(detection: Detection, sources: Sequence[str | Path]) -> tuple[Recording, ...]:
+    """The recordings of touches that were gathered from these, with their checksums; none of other touches.
+
+    Raises:
+        RecordingError: one cannot be read.
+    """
+    found = []
+    for path, start, turned in zip(sources, detection.starts, detection.turned, strict=False):
+        with reading(path):
+            begun = datetime.fromtimestamp(start // SECOND, timezone.utc) if start > 0 else None
+            found.append(Recording(str(path), recording_checksum(path), begun, turned))
+    return tuple(found)
 
 
 def _discrimination(evidence: Evidence) -> Discrimination | None:
@@ -258,18 +271,27 @@ def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Pat
     names, mistake = ', '.join(map(str, sources)), check_touches(detection.held, cell, origin=_origin(sources)).found
     if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
-    if not len(detection.touches):
-        raise _no_touches(detection, names)
-    _check_limits(detection.touches, cell)
+    _check_usable(detection, cell, names)
     return detection.touches
 
 
-def _check_limits(touches: TouchSet, cell: Cell) -> None:
-    """Check that the limits of the joints do not exclude all touches, or nearly all.
+def _check_usable(detection: Detection, cell: Cell, names: str) -> None:
+    """Check that there are touches, and that the limits of the joints do not exclude all of them, or nearly all.
 
     Raises:
-        CellError: they do.
+        CellError: the limits do.
+        UnsupportedDataError: there is none; `names` of its files.
     """
+    touches = detection.touches
+    if not len(touches):
+        problem = 'no contact found'
+        if detection.found:
+            problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
+        kinds = {rejection.kind for rejection in detection.rejected}
+        remedy = 'keep some' if kinds == {'request'} else 'see what `inspect` says about the recording'
+        if kinds <= {'gap', 'unsteady'}:
+            remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
+        raise UnsupportedDataError(f'{names}: {problem}', remedy)
     beyond = int((~cell.can_take(touches.joints)).sum())
     if beyond <= (1 - LEAST_WITHIN) * len(touches):
         return
@@ -313,35 +335,26 @@ def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
             raise mistake.error(str(path))
 
 
-def _fit_and_diagnose(
-    detection: Detection, cell: Cell, fixed: Mapping[str, float] | None, names: str, progress: Progress
-) -> tuple[Calibration, Diagnosis]:
-    """The base model's fit and its diagnosis.
+def _base_fit(
+    detection: Detection, cell: Cell, fixed: Mapping[str, float] | None, names: str
+) -> tuple[Calibration, UnsupportedDataError | None]:
+    """The base model's fit; and the error that it is unless the diagnosis explains it.
 
     An effect so large that, taken for noise, it hides everything leaves no fit where the noise is to be estimated. Then
-    the base model is fitted with the usual noise, and that fit is kept if the diagnosis explains it.
+    the base model is fitted with the usual noise.
     """
-    progress(f'fitting {len(detection.touches)} touches', 0.0)
     effects = fixed_effects(fixed or {}, cell)
     try:
-        calibration = calibrate(detection.touches, cell, effects, fixed=fixed)
+        return calibrate(detection.touches, cell, effects, fixed=fixed), None
     except UnsupportedDataError as error:
         unsupported = _with_rejections(error, detection, names)
         if cell.noise is not None:
             raise unsupported from error
-    else:
-        progress('diagnosing the model', 0.3)
-        return calibration, diagnose(calibration)
     try:
         usual = calibrate(detection.touches, replace(cell, noise=USUAL_NOISE), effects, fixed=fixed)
     except UnsupportedDataError:
         raise unsupported from None
-    calibration = replace(usual, cell=replace(usual.cell, noise=None))
-    progress('diagnosing the model', 0.3)
-    diagnosis = diagnose(calibration)
-    if diagnosis.verdict != 'explained':
-        raise unsupported
-    return calibration, diagnosis
+    return replace(usual, cell=replace(usual.cell, noise=None)), unsupported
 
 
 def _with_rejections(error: UnsupportedDataError, detection: Detection, names: str) -> UnsupportedDataError:
@@ -367,18 +380,6 @@ def _check_converged(final: Calibration, detection: Detection, names: str) -> No
             'an upright arm needs `gravity`, and touches with several forces',
         )
         raise _with_rejections(error, detection, names)
-
-
-def _no_touches(detection: Detection, names: str) -> UnsupportedDataError:
-    """The error of a detection without a touch that can be used; `names` of its files."""
-    problem = 'no contact found'
-    if detection.found:
-        problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
-    kinds = {rejection.kind for rejection in detection.rejected}
-    remedy = 'keep some' if kinds == {'request'} else 'see what `inspect` says about the recording'
-    if kinds <= {'gap', 'unsteady'}:
-        remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
-    return UnsupportedDataError(f'{names}: {problem}', remedy)
 
 
 def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:

@@ -33,12 +33,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 from scipy.special import ndtr
 
 from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.joint_law import joint_deflection, joint_torques, pull_of_links
@@ -306,13 +305,28 @@ def _forces(c: Calibration, joints: Floats) -> Floats:
 
 
 def _is_between(joints: Floats, touched: Floats) -> Mask:
-    """Whether joint angles, (n, 2), are in the convex hull of those of touches, (m, 2); none where m is below 3."""
+    """Whether joint angles, (n, 2), are in the convex hull of those of touches, (m, 2); none where m is below 3.
+
+    The corners are found in the order of x and back (A. M. Andrew, Information Processing Letters 9 (1979) 216).
+    """
     centre = touched.sum(axis=0) / max(len(touched), 1)
-    try:
-        hull = ConvexHull(wrap(touched - centre))
-    except (QhullError, ValueError):
+    places, points, corners = as_complex(wrap(joints - centre)), as_complex(wrap(touched - centre)), list[complex]()
+    for ordered in (np.unique(points), np.unique(points)[::-1]):
+        side = list[complex]()
+        for point in ordered.tolist():
+            while len(side) > 1 and _turn(side[-1] - side[-2], point - side[-1]) <= 0:
+                side.pop()
+            side.append(point)
+        corners += side[:-1]
+    if len(corners) < 3:
         return np.zeros(len(joints), dtype=bool)
-    return np.asarray(np.all(wrap(joints - centre) @ hull.equations[:, :2].T <= -hull.equations[:, 2], axis=1))
+    edges = zip(corners, [*corners[1:], corners[0]], strict=True)
+    return np.all([_turn(end - begin, places - begin) >= 0 for begin, end in edges], axis=0)
+
+
+def _turn(one: complex, other: Any) -> Any:
+    """Sine of the angle from one vector to others, times both lengths."""
+    return (one.conjugate() * other).imag
 
 
 def tip_uncertainty(c: Calibration) -> TipUncertainty:

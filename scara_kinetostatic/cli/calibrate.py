@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_files
+    from scara_kinetostatic.results.files import RESIDUALS, RESULTS, residual_table, write_results
     from scara_kinetostatic.results.report import text_report
-    from scara_kinetostatic.results.write import RESIDUALS, RESULTS, residual_table, write_results
 
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
     results = [(args.out / name).resolve() for name in RESULTS]
@@ -85,6 +85,7 @@ def run(args: argparse.Namespace) -> None:
     with progress() as show_progress:
         outcome = calibrate_files(args.bags, args.cell, args.fix, args.leave_out, progress=show_progress)
         show_progress('writing the report', 1.0)
+        assessment = outcome.assessment
         if residuals and residuals.resolve() != (args.out / RESIDUALS).resolve():
             write_texts(residuals.parent, {residuals.name: residual_table(outcome)})
         files = write_results(outcome, args.out)
@@ -92,4 +93,4 @@ def run(args: argparse.Namespace) -> None:
     if files.note:
         print(f'{files.note}\n')
     print('\n'.join(dict.fromkeys(map(str, (*files.paths, *([residuals] if residuals else []))))))
-    check_strict(args, outcome.assessment)
+    check_strict(args, assessment)

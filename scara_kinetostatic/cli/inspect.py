@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     warnings: tuple[str, ...] = ()
     found: dict[str, Any] = {'recording': str(args.bag), 'topics': [], 'streams': {}}
     if is_touch_table(args.bag):  # it has no streams
-        detection, cell = gather_touches([args.bag], cell), cell_of_files(cell, [args.bag], [])
+        detection, cell = gather_touches([args.bag], cell), cell_of_files(cell, [args.bag])
     else:
         streams = read_streams(args.bag, cell)
         detection, warnings = find_touches(streams, cell), streams.warnings

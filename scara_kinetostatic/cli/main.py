@@ -71,8 +71,37 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted by Ctrl-C; 143 by SIGTERM; 141 stdout was closed by its reader; 1 a bug.
     """
     _prepare_streams()
+    debug, received = False, list[int]()
     try:
-        status = _run(argv)
+        try:
+            with _termination(received), naming_missing_libraries():
+                given = sys.argv[1:] if argv is None else argv
+                parser = build_parser(next((text for text in given if text != '--debug'), ''))
+                args = parser.parse_args(given)
+                if args.verb is None:  # after unknown options, which are named first
+                    parser.error('expected a VERB')
+                debug = args.debug
+                args.run(args)
+                status = 0
+        except SystemExit as end:  # from argparse: --help, --version, a wrong option
+            status = end.code if isinstance(end.code, int) else 2
+        except ScaraKinetostaticError as error:
+            status = _say(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
+        except KeyboardInterrupt:
+            status = _say('interrupted', _SIGNALLED + signal.SIGINT)
+        except _TerminatedError:
+            status = _say('terminated', _SIGNALLED + signal.SIGTERM)
+        except BrokenPipeError:
+            raise
+        except Exception as error:
+            no_room = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+            if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
+                raise
+            if received and not debug:  # what was interrupted may fail in its own way when it is closed
+                status = _say('terminated', _SIGNALLED + signal.SIGTERM)
+            else:
+                remedy = 'please report it with what scara-kinetostatic --debug … prints'
+                status = _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
         sys.stdout.flush()
     except BrokenPipeError:  # as in `… | head`
         _forget_stdout()
@@ -81,39 +110,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         _forget_stdout()
         return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', 2)
     return status
-
-
-def _run(argv: Sequence[str] | None) -> int:
-    """The exit status of the verb; what concerns stdout is raised."""
-    debug, received = False, list[int]()
-    try:
-        with _termination(received), naming_missing_libraries():
-            given = sys.argv[1:] if argv is None else argv
-            parser = build_parser(next((text for text in given if text != '--debug'), ''))
-            args = parser.parse_args(given)
-            if args.verb is None:  # after unknown options, which are named first
-                parser.error('expected a VERB')
-            debug = args.debug
-            args.run(args)
-            return 0
-    except SystemExit as end:  # from argparse: --help, --version, a wrong option
-        return end.code if isinstance(end.code, int) else 2
-    except ScaraKinetostaticError as error:
-        return _say(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
-    except KeyboardInterrupt:
-        return _say('interrupted', _SIGNALLED + signal.SIGINT)
-    except _TerminatedError:
-        return _say('terminated', _SIGNALLED + signal.SIGTERM)
-    except BrokenPipeError:
-        raise
-    except Exception as error:
-        no_room = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-        if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
-            raise
-        if received and not debug:  # what was interrupted may fail in its own way when it is closed
-            return _say('terminated', _SIGNALLED + signal.SIGTERM)
-        remedy = 'please report it with what scara-kinetostatic --debug … prints'
-        return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
 
 def build_parser(verb: str = '') -> argparse.ArgumentParser:

@@ -46,7 +46,7 @@ from scara_kinetostatic.contour.result import (
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, interpolated
 from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
@@ -105,7 +105,7 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         raise UnsupportedDataError(problem, remedy)
     time, joints = signals.joints.time, signals.joints.value
     width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
-    force = _at(time, signals.wrench.time, moving_mean(signals.filtered.value, width))
+    force = interpolated(time, signals.wrench.time, moving_mean(signals.filtered.value, width))
     # the begin and the end of a contact are left out: there a smoothed force contains some of the free motion
     margin = 0.5 * contacts.smoothing + SMOOTHING
     number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
@@ -132,11 +132,6 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     contact = (np.cumsum(breaks & used) - 1)[used]
     noise = white_noise(signals.wrench.value) / float(np.sqrt(width))
     return ContactSamples(time[used], joints[used], force[used], contact, contacts.begin, noise, own, warnings)
-
-
-def _at(time: Floats, stamps: Floats, values: Floats) -> Floats:
-    """Values (n, 2) with stamps, interpolated."""
-    return np.column_stack([np.interp(time, stamps, column) for column in values.T])
 
 
 def force_zero(signals: Signals, source: str) -> Floats:
@@ -178,7 +173,7 @@ def zero_if_free(signals: Signals, zero: Floats, places: Floats) -> Floats | Non
     if (first := int(other[-1]) + 1 if len(other) else 0) >= len(mean) - 1:
         return None
     found: Floats = np.median(mean[first:], axis=0)
-    way = np.diff(_at(time[first:], signals.joints.time, places), axis=0)
+    way = np.diff(interpolated(time[first:], signals.joints.time, places), axis=0)
     length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), TINY)
     counts = (length > NEAR) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
     return found if float(along[counts].sum()) > 5 * MILLI else None

@@ -1,4 +1,4 @@
-"""Files on the disk: read within a limit, written completely or not at all, and told by their checksums.
+"""Files on the disk: read within a limit, written completely or not at all, made from templates, told by checksums.
 
 **Atomic writing.** A new file or folder, or a replaced file, appears completely or not at all.
 
@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 from scara_kinetostatic.errors import InputError, OutputError, ScaraKinetostaticError
 
@@ -239,6 +240,27 @@ def _file_checksum(file: Path) -> str:
         while piece := stream.read(MIB):
             digest.update(piece)
     return digest.hexdigest()
+
+
+def render(path: Path, *, escape: bool = True, **values: Any) -> str:
+    """The text of a Jinja template with its values; one that is missing is an error.
+
+    Args:
+        path: the template; it may include others of its folder.
+        escape: whether values are escaped as HTML and XML need it.
+        values: by name.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(path.parent),
+        autoescape=escape,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(path.name).render(**values)
 
 
 def check_different(paths: Sequence[Path]) -> None:

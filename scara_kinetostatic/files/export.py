@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.files.atomic import render
 from scara_kinetostatic.files.robot_cell import corrected_origins, with_origins
 from scara_kinetostatic.files.tables import csv_cell, csv_lines
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, read_robot, render, xacro
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, place_of_arm, read_robot, xacro
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign

@@ -38,8 +38,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import CellError, InputError, one_line
+from scara_kinetostatic.files.atomic import render
 from scara_kinetostatic.files.cell_file import MOST_TURN, read_cell
-from scara_kinetostatic.files.urdf import ATTRIBUTE, TOKEN, Joint, RobotDescription, axis_of, render
+from scara_kinetostatic.files.urdf import ATTRIBUTE, TOKEN, Joint, RobotDescription, axis_of
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats

@@ -34,7 +34,7 @@ from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
 from scara_kinetostatic.errors import InputError, did_you_mean, one_line
-from scara_kinetostatic.files.atomic import KIB, MIB, read_file
+from scara_kinetostatic.files.atomic import KIB, MIB, read_file, render
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import BASE_FRAME as BASE_FRAME
 from scara_kinetostatic.model.cell import Cell, turned_limits
@@ -58,27 +58,6 @@ def comment(line: str) -> str:
 def xacro(text: str) -> str:
     """A text in which xacro evaluates nothing but the dollar signs themselves."""
     return text.replace('$', "${'$'}")
-
-
-def render(path: Path, *, escape: bool = True, **values: Any) -> str:
-    """The text of a Jinja template with its values; one that is missing is an error.
-
-    Args:
-        path: the template; it may include others of its folder.
-        escape: whether values are escaped as HTML and XML need it.
-        values: by name.
-    """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(path.parent),
-        autoescape=escape,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(path.name).render(**values)
 
 
 def arm_urdf(name: str, cell: Cell, parameters: Parameters, colour: Colour = NOMINAL_COLOUR, comment: str = '') -> str:

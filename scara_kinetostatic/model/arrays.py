@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -53,7 +55,7 @@ EVERY = slice(None)
 
 def pick(item: T, which: Any) -> T:
     """Some touches, by a mask, a slice or positions, of an array, or of a tuple of such; anything else stays."""
-    return item if which is EVERY else over_arrays(lambda array: array[which], item)
+    return item if which is EVERY else over_arrays(itemgetter(which), item)
 
 
 def put(item: T, which: Any, part: T) -> T:
@@ -72,7 +74,7 @@ def over_arrays(change: Callable[..., Any], *items: Any) -> Any:
     first = items[0]
     if not isinstance(first, tuple):
         return change(*items) if isinstance(first, np.ndarray) else first
-    parts = [over_arrays(change, *same) for same in zip(*items, strict=True)]
+    parts = map(partial(over_arrays, change), *items)
     return type(first)(*parts) if hasattr(first, '_fields') else tuple(parts)
 
 
@@ -99,6 +101,11 @@ def unit_vectors(angles: Floats) -> Complexes:
 def as_complex(vectors: Floats) -> Complexes:
     """Vectors (n, 2) as complex numbers (n,)."""
     return np.ascontiguousarray(vectors).view(complex)[:, 0]
+
+
+def interpolated(at: NDArray[Any], places: NDArray[Any], vectors: Floats) -> Floats:
+    """Vectors (n, 2) at increasing places (n,), interpolated at others (k,): (k, 2); beyond the ends those there."""
+    return pairs(np.interp(at, places, as_complex(vectors)))
 
 
 def along_and_across(vectors: Floats, force: Floats) -> Floats:

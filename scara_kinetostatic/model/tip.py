@@ -33,7 +33,6 @@ S and F, ∂Q/∂L̄ = -G⁻¹ ∂S/∂L̄. What an effect changes in its own sh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -483,27 +482,26 @@ def with_effects(found: Floats, model: ExtendedModel, jacobian: Floats, place: F
         place: of the gripper in its dead band, (n,), 1 beyond it.
         state: the poses as effects take them.
     """
+    rows = [*np.moveaxis(found, -1, 0)]
 
-    def columns(shifts: Sequence[Shift], dependence: ForceDependence, *, of_robot: bool = True) -> Floats:
-        turned, moved = np.zeros((2, len(shifts), len(place), 2))
-        for k, shift in enumerate(shifts):
-            if shift.joints is not None:
-                turned[k] = shift.joints
-            if shift.place is not None and of_robot:
-                moved[k] = shift.place
-        shift = faded(Shift(turned, moved), dependence, place)
-        turned, moved = (np.asarray(part).reshape(len(shifts), *jacobian.shape[:-2], 2) for part in shift)
-        out = -jacobian[..., 0] * turned[..., :1] - jacobian[..., 1] * turned[..., 1:]
-        out[..., :2] += moved
-        return np.moveaxis(out, 0, -1)
+    def column(shift: Shift, dependence: ForceDependence = ForceDependence.NONE, *, of_robot: bool = True) -> Floats:
+        turned, moved = faded(shift, dependence, place)
+        out = np.zeros(jacobian.shape[:-1])
+        if turned is not None:
+            first, second = np.moveaxis(jacobian, -1, 0)
+            turned = turned.reshape(*jacobian.shape[:-2], 2)
+            out -= first * turned[..., :1]
+            out -= second * turned[..., 1:]
+        if moved is not None and of_robot:
+            out[..., :2] += moved.reshape(*jacobian.shape[:-2], 2)
+        return out
 
     for name, shift in model.acting.shift_by_robot(state).items():
-        found[..., NAMES.index(name)] += columns([shift], ForceDependence.NONE)[..., 0]
-    of_effects = [
-        columns(effect.derivative(state, values), effect.force_dependence, of_robot=not effect.on_object)
-        for effect, values in model.pairs
-    ]
-    return np.concatenate([found, *of_effects], axis=-1)
+        rows[NAMES.index(name)] = rows[NAMES.index(name)] + column(shift)
+    for effect, values in model.pairs:
+        dependence, of_robot = effect.force_dependence, not effect.on_object
+        rows += [column(shift, dependence, of_robot=of_robot) for shift in effect.derivative(state, values)]
+    return np.moveaxis(np.array(rows), 0, -1)
 
 
 def band_covariance(gaps: Floats, jacobian: Floats, at: Loading, force: Force) -> Floats:

@@ -23,7 +23,7 @@ from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.tables import csv_cell, csv_lines, is_touch_table
+from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.history import Entry, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, robot_name
@@ -31,9 +31,8 @@ from scara_kinetostatic.monitoring.report import history_report
 from scara_kinetostatic.pipeline import calibrate_files
 from scara_kinetostatic.report import Block, Report, Section, Table, Verdict, drawn
 from scara_kinetostatic.report.quantities import count
-from scara_kinetostatic.results.calibration_json import NAME
+from scara_kinetostatic.results.files import JSON, write_results
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
-from scara_kinetostatic.results.write import write_results
 from scara_kinetostatic.threads import one_thread
 from scara_kinetostatic.touches.detection import cell_of_files
 
@@ -95,9 +94,8 @@ def recalibrate(task: Task) -> tuple[Row, bool]:
             raise InputError('the worker', f'has version {__version__}, the command {task.version}', 'install one')
         cell = load_cell(task.cell) if task.cell else recorded_cell([recording], '--cell')
         robot = robot_name(cell) or cell.identification.cell or recording.parent.name
-        files = ([recording], []) if is_touch_table(recording) else ([], [recording])
         with _ALONE, one_thread:
-            is_there = _is_result(task, cell_of_files(cell, *files))
+            is_there = _is_result(task, cell_of_files(cell, [recording]))
             if not is_there:
                 outcome = calibrate_files([recording], Path(task.cell) if task.cell else None)
                 write_results(outcome, task.folder, report=task.report)
@@ -109,7 +107,7 @@ def recalibrate(task: Task) -> tuple[Row, bool]:
 def _is_result(task: Task, cell: Cell) -> bool:
     """Whether the folder has the result of this recording, cell description and version."""
     try:
-        record = CalibrationRecord.load(Path(task.folder) / NAME)
+        record = CalibrationRecord.load(Path(task.folder) / JSON)
     except InputError:
         return False
     is_same = record.arm.cell == cell and record.document.get('version') == __version__
@@ -119,7 +117,7 @@ def _is_result(task: Task, cell: Cell) -> bool:
 
 def _row(task: Task, robot: str) -> Row:
     """That of the result in the folder; SI units, empty where there is no number."""
-    record = CalibrationRecord.load(Path(task.folder) / NAME)
+    record = CalibrationRecord.load(Path(task.folder) / JSON)
     found = record.document['diagnosis']['effects']
     effects = '; '.join(f'{one["name"]}[{one["target"]}]' if one['target'] else one['name'] for one in found)
     known = task.recording, robot, record.measured, record.arm.grade, record.arm.verdict, effects, task.folder, ''
@@ -155,7 +153,7 @@ def _trend(job: tuple[str, str, Sequence[str]]) -> tuple[str, Block]:
         InputError: a result cannot be read, or they are of different robots.
     """
     figure, robot, results = job
-    records = [CalibrationRecord.load(Path(folder) / NAME) for folder in results]
+    records = [CalibrationRecord.load(Path(folder) / JSON) for folder in results]
     for record in records[1:]:
         check_same_arm(records[0].arm.cell, record.arm.cell, records[0].source, record.source)
     entries = [Entry(number, robot, record) for number, record in enumerate(records, 1)]

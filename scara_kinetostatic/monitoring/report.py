@@ -17,9 +17,19 @@ from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterCha
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
-from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Note, Report, Section, Table, Verdict, sentence
+from scara_kinetostatic.report import (
+    NOT_DETERMINED,
+    Block,
+    Document,
+    Figure,
+    Note,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    sentence,
+)
 from scara_kinetostatic.report.figure import FAINT, IN_MICRO, INK, PAPER, WARN, as_svg, new_figure
-from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.results.report import answer
 

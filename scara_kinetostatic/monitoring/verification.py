@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark
-from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.assessment.outcome import Assessment, Grade, Limits, Recording, Remark
 from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
@@ -27,7 +26,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
-from scara_kinetostatic.pipeline import gather_touches, recording_of
+from scara_kinetostatic.pipeline import gather_touches, recordings_of
 from scara_kinetostatic.report.quantities import micrometres
 from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
@@ -175,13 +174,12 @@ def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, ce
         InputError: tables together with recordings of a sensor in the tool frame; a recording of another robot.
         UnsupportedDataError: there is no touch.
     """
-    tables = [path for path in paths if is_touch_table(path)]
-    others = [Path(path) for path in paths if path not in tables]
-    used = cell_of_files(record.arm.cell if cell is None else cell, tables, others)
+    used = cell_of_files(record.arm.cell if cell is None else cell, paths)
     detection = gather_touches(paths, used)
-    recordings = [recording_of(*row) for row in zip(paths, detection.starts, detection.turned, strict=True)]
+    recordings = recordings_of(detection, paths)
     differing: list[str] = []
     if cell is None:
+        others = [Path(path) for path in paths if not is_touch_table(path)]
         for path in others:
             check_same_recorded(used, path, record.source)
         # the noise is that of the calibration, the tolerance what its use allows

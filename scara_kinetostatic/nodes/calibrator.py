@@ -31,9 +31,8 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
-from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.results import calibration_json, calibration_yaml
-from scara_kinetostatic.results.calibration_yaml import FACTS, GROUP, StoredResult, load_result
+from scara_kinetostatic.report import Document
+from scara_kinetostatic.results.files import FACTS, GROUP, JSON, YAML, StoredResult, load_result
 
 _RESULT = {
     **{f'calibrated.{name}': f'{DESCRIPTIONS[name]}, {unit}' for name, unit in UNITS.items()},
@@ -86,9 +85,11 @@ class Calibrator(CellNode):
                 raise ParameterError(f'parameter {full}', f'expected a finite number, got {given[full].value}')
         found = {name: given[f'{GROUP}.{name}'].value for name in FACTS if f'{GROUP}.{name}' in given}
         for name, value in found.items():
-            kind, meaning = FACTS[name]
-            if not isinstance(value, kind) or (isinstance(value, list) and not all(isinstance(v, str) for v in value)):
-                raise ParameterError(f'parameter {GROUP}.{name}', f'expected {meaning}, got {value!r:.40}')
+            fact = FACTS[name]
+            if not isinstance(value, fact.kind) or (
+                isinstance(value, list) and not all(isinstance(v, str) for v in value)
+            ):
+                raise ParameterError(f'parameter {GROUP}.{name}', f'expected {fact.meaning}, got {value!r:.40}')
         return found
 
     @property
@@ -236,7 +237,7 @@ class Calibrator(CellNode):
         Raises:
             CalibrationFileError: `calibration.json` cannot be read.
         """
-        stored = load_result(folder / calibration_yaml.NAME)
+        stored = load_result(folder / YAML)
         facts: Mapping[str, Any] = stored.facts
         is_fit = facts['assessment'] != UNFIT
         published = is_fit or job.publish_unfit
@@ -244,7 +245,7 @@ class Calibrator(CellNode):
         if not published:
             message += '; the parameters calibrated.* are left as they were; publish_unfit:=true replaces them'
         own = {'published': published, 'message': message, 'files': {'folder': str(folder.absolute())}}
-        text = json.dumps(_summary(read_document(folder / calibration_json.NAME)) | own, ensure_ascii=False)
+        text = json.dumps(_summary(read_document(folder / JSON)) | own, ensure_ascii=False)
         if published:
             self._publish_parameters(stored)
         self._condition = _condition(facts, message, published)

@@ -36,8 +36,8 @@ from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import MILLI
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.results.calibration_json import NAME
+from scara_kinetostatic.report import Document
+from scara_kinetostatic.results.files import JSON
 from scara_kinetostatic.touches.clock import SECOND, JointParts, Samples
 
 TOUCH_NUMBERS = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N', 'approach1', 'approach2', 'press1', 'press2'
@@ -324,7 +324,7 @@ def stored_document(said: Document) -> Document:
         InputError: it cannot be read, as where the calibrator is on another machine, or is of another result.
     """
     try:
-        path, created = Path(said['files']['folder']) / NAME, said['created']
+        path, created = Path(said['files']['folder']) / JSON, said['created']
     except (LookupError, TypeError) as error:
         raise InputError('calibrator/result', 'is no result of a calibration') from error
     document: Document = read_document(path)

@@ -26,7 +26,7 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
-from scara_kinetostatic.results.calibration_yaml import NAME, StoredResult, load_result
+from scara_kinetostatic.results.files import YAML, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
 RATE = 125.0
@@ -100,9 +100,9 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
         rclpy.try_shutdown()
         set_logger_level('', LoggingSeverity.INFO)  # it belongs to the process
     results = folder / RESULT
-    if not (results / NAME).exists():
+    if not (results / YAML).exists():
         raise UnsupportedDataError(f'touch_runner: {state["text"]}; {state["result"]}')
-    return DemoResult(state['text'], truth, load_result(results / NAME), Path(state['recording']), results)
+    return DemoResult(state['text'], truth, load_result(results / YAML), Path(state['recording']), results)
 
 
 def free_domain() -> int:

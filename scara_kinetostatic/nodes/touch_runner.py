@@ -61,7 +61,7 @@ from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import RecordingNode, Session
 from scara_kinetostatic.nodes.streams import LATCHED, QUEUE, CellStreams, Stream, publishers_of
 from scara_kinetostatic.planning.planner import Planner, known_or_infinite
-from scara_kinetostatic.results.calibration_yaml import NAME, load_result
+from scara_kinetostatic.results.files import YAML, load_result
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
@@ -460,7 +460,7 @@ class TouchRunner(RecordingNode):
             self._process = None
             reply = ended.get('reply')
             if reply is not None:
-                facts = load_result(Path(reply['folder']) / NAME).facts
+                facts = load_result(Path(reply['folder']) / YAML).facts
                 self._result = f'result in {reply["folder"]}: verdict {facts["verdict"]}, {facts["assessment"]}'
                 if facts['assessment'] == UNFIT:
                     self._runner.revoke('the calibration of the whole recording is unfit for use; see its report')

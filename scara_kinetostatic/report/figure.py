@@ -43,6 +43,7 @@ _STYLE: dict[Any, Any] = {
     **dict.fromkeys(('xtick.labelsize', 'ytick.labelsize'), 11.5),
     'font.family': ['DejaVu Sans'],
     'axes.titlelocation': 'left',
+    'axes.titley': 1.0,
     'grid.linewidth': THIN,
     **dict.fromkeys(('lines.linewidth', 'lines.markeredgewidth', 'patch.linewidth'), 1.2),
 }

@@ -9,8 +9,15 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade
-from scara_kinetostatic.assessment.outcome import Outcome, advice, rivals_in_words, sets_in_words, stated_conformity
+from scara_kinetostatic.assessment.outcome import (
+    Assessment,
+    Grade,
+    Outcome,
+    advice,
+    rivals_in_words,
+    sets_in_words,
+    stated_conformity,
+)
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis

@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, interpolated, pairs
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.report.quantities import rounded_down
@@ -201,7 +201,7 @@ def coarse_tare(signals: Signals) -> Floats:
     if not zeros:
         return np.broadcast_to(whole, wrench.value.shape)
     course = median_of_three(np.array(zeros))
-    return np.column_stack([np.interp(wrench.time, centers, column) for column in course.T])
+    return interpolated(wrench.time, np.array(centers), course)
 
 
 def grid_means(joints: Signal, wrench: Signal) -> tuple[Floats, Floats, Floats]:

@@ -29,7 +29,7 @@ import numpy as np
 
 from scara_kinetostatic.assessment.mistakes import coarse_parameters
 from scara_kinetostatic.errors import InputError, RecordingError
-from scara_kinetostatic.files.tables import TouchTable, load_touch_table
+from scara_kinetostatic.files.tables import TouchTable, is_touch_table, load_touch_table
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
@@ -398,13 +398,16 @@ def press_of(approach: Floats) -> Floats:
     return np.zeros_like(approach) if np.isin(np.abs(approach), (0.0, 1.0)).all() else approach
 
 
-def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence[str | Path]) -> Cell:
-    """The cell as the sensor of these files sees it: the forces of tables are those on the object in their frame.
+def cell_of_files(cell: Cell, paths: Sequence[str | Path]) -> Cell:
+    """The cell as the sensor of recordings and tables sees it: the forces of tables are those on the object in their
+    frame.
 
     Raises:
         InputError: some forces are in the base frame, others in that of the tool.
         RecordingError: a table cannot be read.
     """
+    tables = [path for path in paths if is_touch_table(path)]
+    recordings = [path for path in paths if path not in tables]
     found = [(path, load_touch_table(path).frame) for path in tables]
     found += [(path, cell.sensor.frame) for path in recordings] if found else []
     for path, frame in found:

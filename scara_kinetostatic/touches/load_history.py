@@ -21,7 +21,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyfit
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask, interpolated
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.touch import nested_extremes, remembered, torques_of
@@ -157,8 +157,7 @@ class _ContactLoad:
         force *= cell.sensor.sign.factor
         inner = slice(half, len(force) - half)
         self._start, self.time = signals.start, wrench.time[rows][inner]
-        angles = [np.interp(self.time, signals.joints.time, column) for column in joints.T]
-        state = np.column_stack([*angles, force[inner]])
+        state = np.column_stack([interpolated(self.time, signals.joints.time, joints), force[inner]])
         self.torque = torques_of(cell.nominal, state, cell.sensor.frame)
         self._value = np.hstack([state, self.torque])
         least = self._least_force(tare, holds, 2 * half + 1)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, interpolated
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.clock import NEVER, SECOND, BestLags, ClockStepError, Samples, on_one_clock
 from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO, TurningZero, coarse_tare
@@ -263,7 +263,7 @@ class OnlineDetector:
         stamps, joints = self._pair.joints.times, self._pair.joints.samples.values
         if not len(stamps) or not (self._turning.force or self._cell.sensor.tool_weight):
             return np.zeros((len(times), 2))
-        at = np.column_stack([np.interp(times, stamps, column) for column in joints[:, :2].T])
+        at = interpolated(times, stamps, joints[:, :2])
         return self._turning.at(at, self._cell) + self._cell.tool_pull(at)
 
     def _search(self, open_too: bool) -> Detection:

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, interpolated
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.parameters import NANO
 
@@ -370,7 +370,7 @@ class Signal(NamedTuple):
 
     def at(self, time: Floats) -> Floats:
         """The values at some times, (k,), s: (k, 2)."""
-        return np.column_stack([np.interp(time, self.time, column) for column in self.value.T])
+        return interpolated(time, self.time, self.value)
 
     def stretch(self, begin: float, end: float) -> slice:
         """The samples from `begin` (included) to `end` (not included), s."""
@@ -483,10 +483,7 @@ def steps_of_mean(topic: Signal, time: Floats, window: float) -> tuple[Floats, F
         return np.full((len(time), 2), np.inf), np.zeros((len(time), 2))
     area = np.diff(stamps)[:, None] * 0.5 * (values[1:] + values[:-1])
     integral = np.concatenate([np.zeros((1, 2)), np.cumsum(area, axis=0)])
-    low, mid, high = (
-        np.column_stack([np.interp(time + side, stamps, column) for column in integral.T])
-        for side in (-window, 0.0, window)
-    )
+    low, mid, high = (interpolated(time + side, stamps, integral) for side in (-window, 0.0, window))
     return (high - 2.0 * mid + low) / window, (high - low) / (2.0 * window)
 
 

@@ -11,8 +11,8 @@ import pytest
 from cli.command import refused
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.report import json_text
+from scara_kinetostatic.results.files import as_document
 
 
 @pytest.fixture

@@ -101,7 +101,7 @@ def test_one_row_of_residuals_per_touch(result, folder):
 def test_without_names_the_objects_are_found_and_the_frame_of_the_sensor_does_not_matter(folder):
     """The same touches, and so the same calibration."""
     cells = [load_cell(folder / f'{name}.yaml') for name in ('cell', 'tool')]
-    cells[1] = cell_of_files(cells[1], [folder / 'unnamed.csv'], [])
+    cells[1] = cell_of_files(cells[1], [folder / 'unnamed.csv'])
     tables = (folder / 'touches.csv', folder / 'unnamed.csv')
     named, unnamed = (gather_touches([table], cell).touches for table, cell in zip(tables, cells, strict=True))
     assert cells[0] == cells[1]
@@ -123,7 +123,7 @@ def test_forces_in_the_tool_frame_are_turned_as_the_angles_are_estimated(result,
     assert found['touches']['used'] == result['touches']['used'] == 108
     for key, about in found['parameters'].items():
         assert abs(about['value'] - getattr(PAPER_ACTUAL, key)) < 4.5 * about['std'], key
-    cells = [cell_of_files(load_cell(folder / f'{name}.yaml'), [table], []) for name in ('cell', 'tool')]
+    cells = [cell_of_files(load_cell(folder / f'{name}.yaml'), [table]) for name in ('cell', 'tool')]
     assert cells[0] == cells[1]
 
 

@@ -20,8 +20,8 @@ from scara_kinetostatic.files.calibration_file import arm_document, load_calibra
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.report import json_text
+from scara_kinetostatic.results.files import as_document
 
 
 def same(one: CalibratedArm, other: CalibratedArm) -> None:

@@ -20,8 +20,8 @@ from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.calibration_file import stored_covariance
-from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.report import json_text
+from scara_kinetostatic.results.files import as_document
 
 CHEAP = (
     'mcap_length_beyond_the_file', 'mcap_repeated_schemas', 'mcap_many_layouts', 'mcap_many_joints',

@@ -20,9 +20,8 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import history_report
-from scara_kinetostatic.report import as_text
-from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.report import as_text, json_text
+from scara_kinetostatic.results.files import as_document
 
 assert recordings and run  # fixtures
 

@@ -10,8 +10,7 @@ import pytest
 from monitoring.simulated import CELL, DECLARED, TRUTH, moved, record_of, touches_of
 
 from benchmark.common import record_of as as_record
-from scara_kinetostatic.assessment.grade import Grade
-from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.assessment.outcome import Grade, Recording
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError

@@ -13,8 +13,8 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic.errors import CellError, InputError, ParameterError
+from scara_kinetostatic.files.atomic import render
 from scara_kinetostatic.files.robot_cell import GRAVITY
-from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame

@@ -12,7 +12,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.report import Block, Figure, Figures, Level, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Document, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import (
     FAINT,
     INK,
@@ -26,7 +26,6 @@ from scara_kinetostatic.report.figure import (
     as_svg,
     new_figure,
 )
-from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import (
     IN_MICRO,
     NOT_DETERMINED,
