@@ -329,10 +329,6 @@ class RandomEffects(NamedTuple):
         """The same with sizes larger by factors (k,)."""
         return self._replace(size=factor * self.size, changes=factor * self.changes)
 
-    def summed(self, values: Floats) -> RandomEffects:
-        """One column: all with their values (k,)."""
-        return self._replace(columns=self.columns[:1], size=np.ones(1), changes=(self.changes @ values)[..., None])
-
     def select(self, which: Any) -> RandomEffects:
         """At the touches that a mask, a slice or an array of positions picks."""
         return self._replace(changes=self.changes[:, which])

@@ -86,8 +86,8 @@ ROBUST = Stage(adjusts=True, robust=True, tolerance=0.3, per_touch=0.3, damping=
 FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
 
 
-_ROUNDS = 6
-"""In which touches are adjusted to a given model at most: all that do not alternate settle in three, mostly."""
+_ROUNDS = 5
+"""In which touches are adjusted to a given model at most: those that do not alternate settle in three, mostly."""
 
 
 class Point(NamedTuple):
@@ -189,15 +189,17 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
         near: the same touches adjusted to a model close to this one, to begin at; None to begin without.
     """
     with np.errstate(all='ignore'):
-        if near is not None:
-            point = _in_rounds(observations, model, near, noise)
-            if np.isfinite(point.distance).all():
-                return point
-        held = observations.with_errors_held()
-        point = evaluate(held, model, first_guess(held, model), noise, COARSE)
-        point = evaluate(held, model, as_radial(held, model, point.adjusted.state), noise)
-        point = _in_rounds(held, model, point, noise)
-        return point if held is observations else evaluate(observations, model, point.adjusted, noise)
+        radial = as_radial(observations, model, first_guess(observations, model).state)
+        point = None if near is None else _in_rounds(observations, model, near, noise)
+        if point is None or not np.isfinite(point.distance).all():
+            return _in_rounds(observations, model, evaluate(observations, model, radial, noise), noise)
+        here, there = point.adjusted.state, radial.state
+        other = np.flatnonzero((here.mode1 != there.mode1) | (here.mode2 != there.mode2))
+        if not len(other):
+            return point
+        some = observations.select(other)  # there may be one place on each flank
+        begun = evaluate(some, model, pick(radial, other), noise)
+        return _nearer(point, _in_rounds(some, model, begun, noise), other)
 
 
 def _in_rounds(observations: Observations, model: ExtendedModel, point: Point, noise: Noise) -> Point:
@@ -218,8 +220,14 @@ def _in_rounds(observations: Observations, model: ExtendedModel, point: Point, n
         if not moving.any():
             return point
         step = np.zeros(point.whitened.derivative.shape[2] + len(point.errors))
-    nearer = np.flatnonzero(moving & (before.distance < point.distance))
-    return Point(model, *put(point[1:5], nearer, select(before, nearer)[1:5]), point.errors)
+    at = np.flatnonzero(moving)
+    return _nearer(point, select(before, at), at)
+
+
+def _nearer(point: Point, other: Point, at: Indices) -> Point:
+    """A point with some touches, (m,), adjusted otherwise, where this brings them nearer."""
+    nearer = other.distance < point.distance[at]
+    return Point(point.model, *put(point[1:5], at[nearer], select(other, nearer)[1:5]), point.errors)
 
 
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.estimate import fewest_touches
-from scara_kinetostatic.calibration.fit_point import FINAL, force_error, force_residual, select
+from scara_kinetostatic.calibration.fit_point import force_error, force_residual, select
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import minimise
+from scara_kinetostatic.calibration.solver import ActivePrior
+from scara_kinetostatic.gaussian.least_squares import compress, damped_step
 
 _FOLDS = 5
 """Unless more are needed to leave enough touches to each fit."""
@@ -28,7 +29,8 @@ class HeldOut(NamedTuple):
 
 
 def held_out_force_error(calibration: Calibration) -> HeldOut:
-    """Split the used touches at random into five folds; predict each fold by a fit to the others.
+    """Split the used touches at random into five folds; predict each fold by a fit to the others, one step from that to
+    all.
 
     Noise levels, outliers and unidentifiable directions are those of the whole fit.
 
@@ -43,11 +45,12 @@ def held_out_force_error(calibration: Calibration) -> HeldOut:
         max(2, min(_FOLDS, n)) if spare < 1 else min(n, max(_FOLDS, -(-n // spare)))
     )  # as many as leave enough to each fit
     part = np.random.default_rng(0).permutation(n) % folds
-    residual = np.empty((n, 2))
+    residual, basis = np.empty((n, 2)), c.subspace.with_errors(len(c.projection.errors))
+    prior = ActivePrior.of(c.observe(), c.subspace)
+    known = None if prior is None else prior.system(c.projection)
     for fold in range(folds):
-        kept = c.observe(places[part != fold])
-        start = select(c.projection, places[part != fold])
-        fit = minimise(kept, start, c.subspace, c.noise, FINAL)
-        left = c.observe(places[part == fold]).with_errors(fit.point.errors)
-        residual[part == fold] = force_residual(left, fit.point.model)
+        point = select(c.projection, places[part != fold])
+        system = compress(point.whitened.jacobian, point.whitened.residual, basis=basis, prior=known)
+        model, errors = point.changed(basis @ damped_step(system, 0.0))
+        residual[part == fold] = force_residual(c.observe(places[part == fold]).with_errors(errors), model)
     return HeldOut(force_error(residual), folds)

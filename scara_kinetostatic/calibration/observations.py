@@ -82,13 +82,6 @@ class Observations(NamedTuple):
             force = force - self.random.changes[2] @ self.random_values(errors)
         return changed._replace(force=force, errors=errors)
 
-    def with_errors_held(self) -> Observations:
-        """The same touches with all random effects, at their values, as one column: for a fit that holds them."""
-        if self.random is None:
-            return self
-        summed = self.random.summed(self.random_values(self.errors))
-        return self._replace(declared=None, random=summed, errors=np.ones(1))
-
     def random_values(self, errors: Floats) -> Floats:
         """The values of the random effects among all errors, (k,)."""
         return errors[0 if self.declared is None else self.declared.count :]

@@ -40,7 +40,6 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.extended_model import ExtendedModel
 
 PENALTY = 6.0
 """Decrease of the deviance that noise that grows must bring where the residuals are larger than noise."""
@@ -63,7 +62,7 @@ def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration |
     fits = [c] if plain is None else [plain, c] if suspicious else [plain]
     noises = (_noise_of(fit, suspicious) for fit in fits)
     noise = next((noise for noise in noises if noise is not None), None)
-    return None if noise is None else _refitted(c, noise)
+    return None if noise is None else fit_again(c, noise=noise)
 
 
 def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
@@ -73,7 +72,7 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
     # as stated, and the score test, which leaves them free, sees little
     asked = growing_p_value(c, beside) < (0.03 if suspicious else STRICT_SIGNIFICANCE)
     asked = asked or (suspicious and c.cell.noise is not None and not _depends_on_something(c))
-    grown = _refitted(c, c.noise._replace(force_relative=0.01)) if asked else None
+    grown = fit_again(c, noise=c.noise._replace(force_relative=0.01)) if asked else None
     if grown is None:
         return None
     least = _deviance(grown)
@@ -94,14 +93,8 @@ def _is_understated(c: Calibration, least: float) -> bool:
     """Whether stated levels that are all too small explain the touches clearly better than further components do."""
     if c.cell.noise is None:
         return False
-    free = _refitted(replace(c, cell=replace(c.cell, noise=None)), c.noise._replace(force_relative=None))
+    free = fit_again(c, cell=replace(c.cell, noise=None), noise=c.noise._replace(force_relative=None))
     return free is not None and _deviance(free) < least - CREDIBLE
-
-
-def _refitted(c: Calibration, noise: Noise) -> Calibration | None:
-    """The model of a calibration fitted with the components of a noise; None where it has no fit."""
-    found = fit_again(c, noise=noise, start=c.start)
-    return None if found is None else _with_rejections_of(found, c)
 
 
 def fit_with_off_normal(c: Calibration) -> Calibration | None:
@@ -110,35 +103,28 @@ def fit_with_off_normal(c: Calibration) -> Calibration | None:
     """
     others = (effect for effect in c.model.effects if not effect.off_normal_std)
     model, used = c.model.with_effects((OffNormalForce(), *others)), np.ones(len(c.touches), dtype=bool)
-    found = fit_again(c.changed(model=model, used=used))
-    return None if found is None else _with_rejections_of(found, c)
+    return fit_again(c.changed(model=model, used=used))
 
 
-def fit_again(
-    c: Calibration, *, noise: Noise | None = None, cell: Cell | None = None, start: ExtendedModel | None = None
-) -> Calibration | None:
-    """A calibration fitted anew, close to where it is; None where the touches have no such fit.
+def fit_again(c: Calibration, *, noise: Noise | None = None, cell: Cell | None = None) -> Calibration | None:
+    """A calibration fitted anew, close to where it is; None where the touches have no such fit. The touches that were
+    rejected before any fit stay so.
 
     Args:
         c: the calibration.
         noise: to start from; that of the calibration by default.
         cell: another description of the cell; likewise.
-        start: as in `calibrate`.
     """
     warm_start = WarmStart(c.model, noise or c.noise, c.used, c.errors)
     try:
-        fit = calibrate(c.touches, cell or c.cell, c.model.effects, fixed=c.fixed, start=start, warm_start=warm_start)
+        fit = calibrate(c.touches, cell or c.cell, c.model.effects, fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return None
-    # free, rivals may go off to where the model is not defined
-    return fit if np.isfinite(fit.projection.distance[fit.used]).all() else None
-
-
-def _with_rejections_of(found: Calibration, before: Calibration) -> Calibration:
-    """A new fit of the touches of another, with the touches that were rejected before any fit."""
-    places = set(before.touches.index.tolist())
-    left_out = [item for item in before.rejected if item.index not in places]
-    return replace(found, rejected=tuple(sorted((*left_out, *found.rejected), key=lambda item: item.index)))
+    if not np.isfinite(fit.projection.distance[fit.used]).all():
+        return None  # free, rivals may go off to where the model is not defined
+    places = set(c.touches.index.tolist())
+    left_out = [item for item in c.rejected if item.index not in places]
+    return fit.changed(rejected=tuple(sorted((*left_out, *fit.rejected), key=lambda item: item.index)))
 
 
 def _deviance(calibration: Calibration) -> float:

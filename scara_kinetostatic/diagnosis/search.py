@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import find_good
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
@@ -166,15 +166,15 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         if wanted in tried:  # each of several sets is the likeliest at the fit with another
             break
         tried.add(wanted)
-        fitted = _fit(c, known, start_from(weighed.problem, members))
+        start = start_from(weighed.problem, members)
+        fitted = _fit(c, known, start)
         if fitted is None and len(members) > 1:  # far from the truth a set may be likely that has no fit
             members = weighed.likeliest_of(members)
-            wanted = frozenset(_name(member) for member in members)
-            fitted = None if wanted == names else _fit(c, known, start_from(weighed.problem, members))
+            wanted, start = frozenset(_name(member) for member in members), start_from(weighed.problem, members)
+            fitted = None if wanted == names else _fit(c, known, start)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
-            alone = fit_again(replace(c, model=start_from(weighed.problem, members)))
-            if alone is not None and len(alone.touches) == len(c.touches):
-                fitted = _fit(replace(c, used=alone.used), known, alone.model)
+            good = find_good(c.changed(model=start).projection.distance)
+            fitted = _fit(c.changed(used=good), known, start) if (good != c.used).any() else None
         if fitted is None:
             has_curve = not all(member.effect.is_physical for member in members)
             excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
@@ -201,7 +201,7 @@ def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> Mixed
         return None
     if all(effect.is_physical for effect, _ in fitted_effects(fit)):
         return model
-    before = replace(c, used=fit.used)
+    before = c.changed(used=fit.used)
     return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
 
 
@@ -237,16 +237,15 @@ def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_norma
     """
     found = [identify(c, known, plain)]
     if not c.used.all() and not found[0].fit.used.all():
-        every = replace(c, used=np.ones(len(c.touches), dtype=bool))
+        every = c.changed(used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
             found.append(
                 identify(every, known, weigh(fit_mixed(every, known, keeps_touches=True, freedoms=HEAVY_TAILS), known))
             )
     if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
-        with suppress(UnsupportedDataError):
-            usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
-            if len(usual.touches) == len(c.touches):
-                found.append(identify(replace(usual, cell=c.cell), known))
+        usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
+        if usual is not None:
+            found.append(identify(usual.changed(cell=c.cell), known))
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
@@ -271,7 +270,7 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
         known: the catalogue.
         labels: of the effects to name.
     """
-    model, base = found.fit.model, replace(found.base, used=found.fit.used)
+    model, base = found.fit.model, found.base.changed(used=found.fit.used)
     turned = {effect.name for effect, _ in fitted_effects(base) if effect.off_normal_std}
     known = [effect for effect in known if effect.name not in turned]
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
@@ -311,7 +310,7 @@ def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Sea
     friction = next(effect for effect, _ in fitted_effects(with_angles) if effect.off_normal_std)
     found = identify(with_angles, [effect for effect in known if effect.name != friction.name])
     others = tuple(effect for effect in found.fit.model.effects if not effect.off_normal_std)
-    without = replace(found.fit, model=found.fit.model.with_effects(others))
+    without = found.fit.changed(model=found.fit.model.with_effects(others))
     off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(found.fit)
     if off_normal >= FRICTION_SIGNIFICANCE * (growing if growing < FRICTION_SIGNIFICANCE else 1.0):
         return []
