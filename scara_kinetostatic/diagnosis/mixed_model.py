@@ -88,7 +88,7 @@ state 1.02 times what is so predicted (median); in an earlier trial all of it ga
 _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _CLEARLY = 2 * np.log(NEEDED)
-"""By which the deviance of the first linearisation is to be less than that of the last one, for it to be the result."""
+"""By which the deviance of the first linearisation is to be less than that of the last, for a search to begin there."""
 _LOST = 1000.0
 """Mean squared distance of the touches from which no step has led back: of 440 fits that settle the largest is 192."""
 _MOST_STEPS = 8
@@ -108,6 +108,8 @@ class MixedModel(NamedTuple):
         deviance: -2 log restricted likelihood and priors of the sizes, with what rejected touches cost.
         rejected: that cost.
         solved: of the last linearisation.
+        first: the first linearisation, without names, where that is likelier: small effects together may imitate a
+            gross one, which the touches show there. What it promises need not hold. None else.
     """
 
     fit: Calibration
@@ -117,6 +119,7 @@ class MixedModel(NamedTuple):
     deviance: float
     rejected: float
     solved: _Solved
+    first: MixedModel | None = None
 
 
 class _Sizes(NamedTuple):
@@ -171,9 +174,8 @@ def fit_mixed(
                 found = _result(steps[-1], c)
                 if begin is not None or named.effects or len(steps) == 1 or not steps[0].is_valid:
                     return found
-                # small effects together may imitate a gross one, which the touches show where the fit began
                 first = _result(steps[0], c)
-                return first if first.deviance < found.deviance - _CLEARLY else found
+                return found._replace(first=first if first.deviance < found.deviance - _CLEARLY else None)
         if steps and steps[0].is_valid:  # where it does not settle
             with suppress(np.linalg.LinAlgError):
                 return _result(steps[0], c)

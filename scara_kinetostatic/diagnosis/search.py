@@ -226,8 +226,8 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
 
 
 def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_normal: bool) -> Search:
-    """The likeliest of several ways to begin: with the touches of the fit, or with all where some were rejected,
-    which an effect may explain; with the usual noise, where what is missing was taken for it; with off-normal angles.
+    """The likeliest of several ways to begin: at the fit without names, and at its first linearisation where that is
+    likelier; with all touches where some were rejected, which an effect may explain; with the usual noise, where what is missing was taken for it; with off-normal angles.
 
     Args:
         c: the base model.
@@ -236,6 +236,8 @@ def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_norma
         off_normal: whether the test of the off-normal angles is significant.
     """
     found = [identify(c, known, plain)]
+    if (first := plain.model.first) is not None:
+        found += [item for item in [identify(c, known, weigh(first, known))] if item.named]
     if not c.used.all() and not found[0].fit.used.all():
         every = c.changed(used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
