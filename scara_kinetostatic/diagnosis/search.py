@@ -227,7 +227,8 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
 
 def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_normal: bool) -> Search:
     """The likeliest of several ways to begin: at the fit without names, and at its first linearisation where that is
-    likelier; with all touches where some were rejected, which an effect may explain; with the usual noise, where what is missing was taken for it; with off-normal angles.
+    likelier; with all touches where some were rejected, which an effect may explain; with the usual noise, where what
+    is missing was taken for it; with off-normal angles.
 
     Args:
         c: the base model.
