@@ -212,7 +212,7 @@ def calibrate_touches(
         progress('predicting held-out touches', 0.8)
         final = diagnosis.extended or calibration
         _check_converged(final, detection, names)
-        held_out = held_out_force_error(replace(calibration, used=final.used))
+        held_out = held_out_force_error(calibration.changed(used=final.used))
         extended_held_out = held_out if final is calibration else held_out_force_error(final)
     except ParameterError:
         raise

@@ -346,7 +346,7 @@ class Calibration:
 
     @cached_property
     def projection(self) -> Point:
-        """All touches, outliers too, adjusted to the model with the noise of the fit."""
+        """All touches, outliers too, adjusted to the model with the noise of the fit; begun at a fit close by."""
         return project(self.observe(), self.model, self.noise, vars(self).pop('_near', None))
 
     @cached_property
@@ -443,7 +443,7 @@ def build_result(
         combinations=determined_pairs(found.unidentifiable, free, values, covariance),
         advice=advise(groups, mean_force),
     )
-    return Calibration(
+    result = Calibration(
         cell=cell,
         fixed=dict(fixed),
         subspace=found.subspace,
@@ -463,6 +463,8 @@ def build_result(
         iterations=found.iterations,
         termination=fit.termination,
     )
+    vars(result)['_near'] = fit.point
+    return result
 
 
 def _rejections(touches: TouchSet, found: Estimation, left_out: Sequence[Rejection]) -> tuple[Rejection, ...]:

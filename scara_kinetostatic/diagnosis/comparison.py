@@ -21,7 +21,6 @@ that stay. The second term is the part of the deviation that is expected before.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +138,7 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
         held_out: force error of `base` on touches not used in the fit, N.
         final_held_out: the same of `final`.
     """
-    before = replace(base, used=final.used)
+    before = base.changed(used=final.used)
     extended = _errors(final, final, final_held_out)
     joints = final.touches.joints[final.used]
     moved = np.linalg.norm(forward(base.parameters, joints) - forward(final.parameters, joints), axis=1)

@@ -247,8 +247,9 @@ def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_norma
             )
     if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
-        if usual is not None:
-            found.append(identify(usual.changed(cell=c.cell), known))
+        if usual is not None and len(usual.touches) == len(c.touches):
+            with suppress(UnsupportedDataError):
+                found.append(identify(usual.changed(cell=c.cell), known))
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)

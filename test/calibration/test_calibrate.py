@@ -57,6 +57,16 @@ def test_a_warm_start_with_touches_that_the_stated_noise_leaves_out():
     np.testing.assert_allclose(again.parameters.as_array(), direct.parameters.as_array(), atol=1e-7)
 
 
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_touches_adjusted_from_a_fit_close_by_are_where_they_are_from_the_measured_ones(robot):
+    fit = calibrate(touches(robot, noise=NOISE), CELL)
+    assert np.isfinite(fit.projection.distance).all()
+    moved = fit.model.with_array(fit.model.as_array() + 3 * fit.std)
+    from_fit, anew = fit.changed(model=moved).projection, replace(fit, model=moved).projection
+    np.testing.assert_allclose(from_fit.distance, anew.distance, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(from_fit.adjusted.joints, anew.adjusted.joints, atol=1e-8)
+
+
 @pytest.mark.parametrize(('robot', 'cell'), [(PAPER_ACTUAL, CELL), (PAPER_MEASURED, UNKNOWN), (PAPER_ACTUAL, TOOL)])
 def test_standard_deviations_are_right(robot, cell):
     scores, found = z_scores(robot, range(100, 120), cell=cell)

@@ -18,6 +18,7 @@ from scara_kinetostatic.diagnosis.advice import many_small
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.result import Found, Value
+from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -77,6 +78,14 @@ def test_off_normal_angles_of_either_sense_are_friction():
     assert np.std(shown.before / 1e3) == pytest.approx(0.08, rel=0.2)
     assert np.sqrt(np.mean((shown.before / shown.std_before) ** 2)) > 3
     assert np.sqrt(np.mean((shown.after / shown.std_after) ** 2)) == pytest.approx(1, abs=0.25)
+
+
+@pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE])
+def test_the_size_of_off_normal_angles_does_not_depend_on_where_it_begins(cell):
+    data = off_normal_fit(0.08)
+    sizes = [calibrate(data, cell, [OffNormalForce(begin)]).model.off_normal_std for begin in (0.01, 0.3)]
+    assert sizes[0] == pytest.approx(sizes[1], rel=5e-3)
+    assert sizes[0] == pytest.approx(0.08, rel=0.2)
 
 
 def test_the_score_test_of_off_normal_angles_is_calibrated():
