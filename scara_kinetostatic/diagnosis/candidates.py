@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
 from scara_kinetostatic.diagnosis.result import Ranked
-from scara_kinetostatic.effects.base import Effect, Grid, Trial
+from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.gaussian.linear_model import f_test
 from scara_kinetostatic.model.arrays import Floats
@@ -205,10 +205,7 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
 
     A column that these touches do not tell from the base model is 0 where it is the only one of its trial.
     """
-    if isinstance(trials, Grid):
-        columns = problem.columns(trials).T.reshape(-1, len(trials), len(problem.left)).swapaxes(0, 1)
-    else:
-        columns = problem.columns(*trials).T.reshape(len(trials), -1, len(problem.left))
+    columns = problem.of_trials(trials)
     along, left = columns @ problem.base, columns @ problem.left
     gram = columns @ columns.transpose(0, 2, 1)
     square = np.diagonal(gram, axis1=1, axis2=2)

@@ -116,7 +116,16 @@ class Problem(NamedTuple):
         """Part of a unit column that must be independent of the base model."""
         return INDEPENDENT_PART_CAUTIOUS if self.one_level else INDEPENDENT_PART
 
-    def columns(self, *trials: Trial | Grid) -> Floats:
+    def of_trials(self, trials: Sequence[Trial]) -> Floats:
+        """X of the trials of one effect, whitened, (t, m, 2n)."""
+        if isinstance(trials, Grid):
+            unit = self.changes(trials.unit).T.reshape(-1, *self.force.shape)
+            changes = (trials.factors[..., None] * unit).reshape(-1, self.force.size).T
+        else:
+            changes = self.changes(*trials)
+        return self.marginal.apply(changes).T.reshape(len(trials), -1, self.force.size)
+
+    def columns(self, *trials: Trial) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
         return self.marginal.apply(self.changes(*trials))
 
@@ -133,20 +142,17 @@ class Problem(NamedTuple):
         noise, widths = with_noise - columns, [len(trial.columns) for _, trial in single]
         return independent_parts(self.base, columns, widths, self.least_independent_part, noise, NOISE_SHARE)
 
-    def changes(self, *trials: Trial | Grid) -> Floats:
-        """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M; of a
-        grid those of each coefficient at all places, (2n, m t).
-        """
+    def changes(self, *trials: Trial) -> Floats:
+        """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M."""
         shifts = [shift for trial in trials for shift in trial.columns]
         errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
-        grid = [len(trial) for trial in trials if isinstance(trial, Grid)]
-        changes = np.zeros((len(shifts), *grid, *self.force.shape))
+        changes = np.zeros((len(shifts), *self.force.shape))
         for by_unit, parts in zip(self.by_unit, (*zip(*shifts, strict=True), errors), strict=False):
             acting = [k for k, part in enumerate(parts) if part is not None]
             if acting:
                 x, y = np.moveaxis(np.array([parts[k] for k in acting]), -1, 0)
                 for row, (by_x, by_y) in enumerate(by_unit.transpose(1, 2, 0)):
-                    changes[acting, ..., row] += x * by_x + y * by_y
+                    changes[acting, :, row] += x * by_x + y * by_y
         return changes.reshape(-1, self.force.size).T
 
 

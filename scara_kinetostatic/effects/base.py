@@ -152,27 +152,32 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid(Sequence[Trial]):
-    """The trials of an effect at places of its `Effect.grid_parameter`, all at once.
+    """The trials of an effect at places of its `Effect.grid_parameter`, which differ by a factor in each touch.
 
     Attributes:
         places: (t,).
-        columns: as of `Trial`, with δ and d of all places, (t, n, 2).
+        factors: of the columns at each place, (t, m, n); m may be 1 where they are the same.
+        unit: the trial by which they multiply.
         values: from the coefficients found at a place, and the place, to values of the effect's parameters.
-        sensor_errors: as of `Trial`, (t, n, 2) each.
     """
 
     places: Floats
-    columns: tuple[Shift, ...]
+    factors: Floats
+    unit: Trial
     values: Callable[[Floats, float], Floats] = np.append
-    sensor_errors: tuple[Floats, ...] = ()
 
     def __len__(self) -> int:
         return len(self.places)
 
     def __getitem__(self, k: Any) -> Any:
-        columns, errors = tuple(one_of(x, k) for x in self.columns), tuple(error[k] for error in self.sensor_errors)
-        place = float(self.places[k])
-        return Trial(columns, errors, lambda coefficients: self.values(coefficients, place), place)
+        place, (columns, errors, *_) = float(self.places[k]), self.unit
+        factors = np.broadcast_to(self.factors[k], (len(columns), self.factors.shape[-1]))[..., None]
+        shifts = (
+            Shift(*(None if part is None else factor * part for part in shift))
+            for factor, shift in zip(factors, columns, strict=True)
+        )
+        errors = tuple(factor * error for factor, error in zip(factors, errors, strict=False))
+        return Trial(tuple(shifts), errors, lambda coefficients: self.values(coefficients, place), place)
 
 
 @dataclass(frozen=True)
@@ -394,7 +399,7 @@ class EffectOfJoint(Effect):
         return [cls.of(joint) for joint in (0, 1)]
 
     def turned(self, *angles: Floats) -> tuple[Shift, ...]:
-        """Shifts by angles of the joint, (..., n) each, rad."""
+        """Shifts by angles of the joint, (n,) each, rad."""
         return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in angles)
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:

@@ -234,7 +234,10 @@ class TransmissionError(EffectOfJoint):
     def _at(self, angle: Floats, cycles: Floats) -> Sequence[Trial]:
         """A trial for each frequency."""
         phase = np.multiply.outer(cycles, angle)
-        return Grid(cycles, self.turned(np.cos(phase), np.sin(phase)), _as_wave)
+        still = np.ones(len(angle))
+        return Grid(
+            cycles, np.stack([np.cos(phase), np.sin(phase)], axis=1), Trial(self.turned(still, still)), _as_wave
+        )
 
 
 def frequencies(angle: Floats) -> Floats:
@@ -323,7 +326,8 @@ class JointSlip(EffectOfJoint):
 
     def _at(self, history: Floats, load: Floats, friction: Floats) -> Sequence[Trial]:
         """A trial for each value of the friction."""
-        return Grid(friction, self.turned(self._slipped(history, load, friction[:, None])[0]))
+        slipped, _ = self._slipped(history, load, friction[:, None])
+        return Grid(friction, slipped[:, None], Trial(self.turned(np.ones(len(load)))))
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""

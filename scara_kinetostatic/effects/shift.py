@@ -283,10 +283,9 @@ class Stepped(_Shifting, Effect):
         """A trial for each moment; where there is none, one that cannot be told from the base model."""
         moments = moments if len(moments) else np.array([0.0 if self.effect.is_estimated else np.inf])
         still = np.zeros(len(self.effect.parameters))
-        weight = self._weight(at.metadata, len(force), moments[:, None])
-        units = [_times(weight, unit) for unit in self.effect.derivative(at, still)]
-        errors = [weight * error for error in self.effect.sensor_error_derivative(force, still, at.metadata)]
-        return Grid(moments, tuple(units), sensor_errors=tuple(errors))
+        errors = self.effect.sensor_error_derivative(force, still, at.metadata)
+        factors = self._weight(at.metadata, len(force), moments[:, None]).swapaxes(1, 2)
+        return Grid(moments, factors, Trial(self.effect.derivative(at, still), errors))
 
 
 def _times(weight: Floats | float, shift: Shift) -> Shift:
