@@ -241,7 +241,7 @@ def test_a_disc_far_from_its_place_is_named_where_the_fit_fails(touches, monkeyp
 
     a, b, c = PAPER_CELL.discs
     off = replace(PAPER_CELL, discs=(a, b, c._replace(y=c.y + 0.05)))
-    monkeypatch.setattr(pipeline, '_fit_and_diagnose', fails)
+    monkeypatch.setattr(pipeline, '_base_fit', fails)
     with pytest.raises(CellError, match=r'disc_3 stands about 50 mm .* measure the place of disc_3 again'):
         calibrate_touches(touches['paper'], off)
 
