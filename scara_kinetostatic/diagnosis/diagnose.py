@@ -150,8 +150,9 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     """
     plain = weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
     off_normal = off_normal_p_value(c)
-    is_plain = plain.model.first is None and plain.odds.none >= 0.5 and not plain.likeliest(frozenset())
-    if is_plain and c.used.all() and off_normal >= FRICTION_SIGNIFICANCE and _is_explained(plain.model.fit, SIGNIFICANCE):
+    is_plain = plain.odds.none >= 0.5 and not plain.likeliest(frozenset())
+    is_settled = plain.model.first is None and c.used.all()
+    if is_plain and is_settled and off_normal >= FRICTION_SIGNIFICANCE and _is_explained(plain.model.fit, SIGNIFICANCE):
         return _without_effects(c, Search(plain, c), plain), plain.deviance
     found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
     fits = [found.weighed, plain] if all(map(is_placed, found.named)) else [plain]  # a small wave is in the fit
