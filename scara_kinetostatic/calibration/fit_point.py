@@ -82,7 +82,7 @@ class Stage(NamedTuple):
 
 
 COARSE = Stage(adjusts=False, robust=True, tolerance=0.3, per_touch=0.3, damping=1.0)
-ROBUST = Stage(adjusts=True, robust=True, tolerance=0.3, per_touch=0.3, damping=1.0)
+ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, per_touch=0.1, damping=1.0)
 FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
 
 
