@@ -198,8 +198,8 @@ class Effect(EffectLaw):
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
-        special_cases: labels of effects that it contains or equals: one of these is named in its place unless its
-            own restricted likelihood is larger.
+        special_cases: labels of effects that it contains or equals: where one of these is a candidate, it is less
+            likely beforehand (`diagnosis.weighing`).
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.
         declared_as: label of the source of uncertainty that the effect exceeds, where it is not the effect's own.
