@@ -191,6 +191,7 @@ def calibrate_touches(
         CellError: a mistake in the cell description.
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter.
+        RecordingError: a source can no longer be read.
     """
     detection = Detection.of(touches) if isinstance(touches, TouchSet) else touches
     names = ', '.join(map(str, sources)) or 'these touches'
@@ -200,6 +201,7 @@ def calibrate_touches(
     mistake = check.mistake()
     if mistake is not None and mistake.is_gross:
         raise mistake.error(names)
+    recordings = recordings_of(detection, sources)  # as they were read: they may change while the fit runs
     try:
         _check_usable(detection, cell, names)
         progress(f'fitting {len(detection.touches)} touches', 0.0)
@@ -220,7 +222,6 @@ def calibrate_touches(
         if (mistake := mistake or check.displaced()) is None:
             raise
         raise mistake.error(names) from error
-    recordings = recordings_of(detection, sources)
     progress('done', 1.0)
     before_fit = [item for item in calibration.rejected if item.index not in calibration.touches.index]
     rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}

@@ -244,7 +244,7 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
     jacobian = whitened.jacobian
     n, _, k = jacobian.shape
     left = whitened.residual.T + (step @ jacobian.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
-    close = left[0] * left[0] + left[1] * left[1] < 200.0
+    close = left[0] * left[0] + left[1] * left[1] < 200.0  # 14 standard deviations: no noise is beyond
     multiplier = by_touch(2, n)
     multiplier[:, 1] = left[1] / l22
     multiplier[:, 0] = (left[0] - l21 * multiplier[:, 1]) / l11

@@ -1,4 +1,4 @@
-"""The force error on touches that took no part in the fit: each predicted by a fit to the others."""
+"""The force error on touches that took no part in the fit: each predicted by a step to the fit to the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.gaussian.least_squares import compress, damped_step
 
 _FOLDS = 5
-"""Unless more are needed to leave enough touches to each fit."""
+"""Unless more are needed to leave enough touches to each fit; fewer of fewer touches."""
 
 
 class HeldOut(NamedTuple):
@@ -29,8 +29,8 @@ class HeldOut(NamedTuple):
 
 
 def held_out_force_error(calibration: Calibration) -> HeldOut:
-    """Split the used touches at random into five folds; predict each fold by a fit to the others, one step from that to
-    all.
+    """Split the used touches at random into five folds, or more where few are spare; predict each by a fit to the
+    others, one Gauss–Newton step from the fit to all.
 
     Noise levels, outliers and unidentifiable directions are those of the whole fit.
 
@@ -41,9 +41,8 @@ def held_out_force_error(calibration: Calibration) -> HeldOut:
     places = np.flatnonzero(c.used)
     n = len(places)
     spare = n - fewest_touches(c.subspace.basis.shape[1])
-    folds = (
-        max(2, min(_FOLDS, n)) if spare < 1 else min(n, max(_FOLDS, -(-n // spare)))
-    )  # as many as leave enough to each fit
+    # as many as leave enough to each fit
+    folds = max(2, min(_FOLDS, n)) if spare < 1 else min(n, max(_FOLDS, -(-n // spare)))
     part = np.random.default_rng(0).permutation(n) % folds
     residual, basis = np.empty((n, 2)), c.subspace.with_errors(len(c.projection.errors))
     prior = ActivePrior.of(c.observe(), c.subspace)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point
-from scara_kinetostatic.calibration.gauss_helmert import Linearisation, whitened_square
+from scara_kinetostatic.calibration.gauss_helmert import Linearisation, whiten_by, whitened_square
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.cell import Cell, Noise
 
@@ -140,6 +140,20 @@ def estimate_noise(
     if np.linalg.eigvalsh(matrix * np.outer(size, size)).min() <= 0:  # some act alike: no telling them apart
         return _bounded(noise, old, same_ratio)
     return _bounded(noise, old, np.sqrt(_distinguishable(matrix, vector)))
+
+
+def off_normal_uncertainty(point: Point) -> float:
+    """Standard uncertainty of the standard deviation σ_α of the off-normal angles, rad, by Fisher's information.
+
+    With the part ρ of the variance of a touch that its angle makes, it is σ_α / √(2 Σ ρ²): of n touches without noise
+    σ_α / √(2n). What the parameters and the other levels take from it is left out.
+
+    Args:
+        point: the used touches, of a model with such angles.
+    """
+    assert point.linear.by_off_normal is not None
+    part = (whiten_by(point.linear.by_off_normal, point.whitened.root) ** 2).sum(axis=1)
+    return float(point.model.off_normal_std / np.sqrt(2 * (part**2).sum()))
 
 
 def growing(linear: Linearisation) -> Floats:

@@ -35,7 +35,6 @@ class Observations(NamedTuple):
         errors: their values, then those of the random effects, (m + k,), for which force, centres and radii here are
             corrected.
         reported: force as the sensor reported it, (n, 2), N; None without such errors.
-
         tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
         random: the random effects; None for none.
         known: what is known beforehand of the values of effects; None for nothing.

@@ -130,9 +130,9 @@ class Fit(NamedTuple):
     Attributes:
         point: the last accepted point.
         system: the compressed system there, in y and the declared errors.
-        prior_cost: squared residuals of what is known beforehand, together.
         iterations: steps tried.
         termination: how it ended.
+        prior_cost: squared residuals of what is known beforehand, together.
     """
 
     point: Point

@@ -16,6 +16,8 @@ from itertools import chain
 import numpy as np
 from scipy import special
 
+from scara_kinetostatic.calibration.fit_point import select
+from scara_kinetostatic.calibration.noise_estimation import off_normal_uncertainty
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
@@ -323,7 +325,7 @@ def _describe(extended: Calibration, found: Search) -> tuple[Found, ...]:
 def _values(effect: Effect, values: Floats, stds: Floats, calibration: Calibration) -> tuple[Value, ...]:
     """The parameters of an effect with their estimates; of random off-normal angles their standard deviation."""
     if size := effect.off_normal_std:
-        std = float(size / np.sqrt(2 * calibration.used.sum()))
+        std = off_normal_uncertainty(select(calibration.projection, calibration.used))
         return (Value('off_normal_angle', size, std, 'rad', 'of the force from the normal, root mean square'),)
     return tuple(
         Value(p.name, float(v), float(s), p.unit, p.meaning)

@@ -16,7 +16,7 @@ else its level is integrated, as flat in its logarithm.
 
 **Likelihood.** J is projected off once; then only Z'MZ, Z'My and y'My of the columns Z = (N, X) count. At τ the small
 parts are factorised once, K = I + W A W, which leaves of the gross columns A_V = A - A W K⁻¹ W A, and b_V alike; sets
-follow from the blocks of these, one effect at a time.
+follow from the blocks of these, one column at a time.
 
 **Inclusion** of an effect is the probability that it is gross: the sum over the sets with it. A set whose further
 effect has a Bayes factor below `NEEDED` counts as the one without, unless this is the empty one: effects that are not

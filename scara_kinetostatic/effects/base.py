@@ -198,10 +198,9 @@ class Effect(EffectLaw):
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
-        special_cases: labels of effects that it contains or equals: one of these is named in its place unless its
-            own restricted likelihood is larger.
+        special_cases: labels of effects that it contains or equals: where one of these is a candidate, it is less
+            likely beforehand (`diagnosis.weighing`).
         is_physical: whether it has a physical meaning; else it is a fitted curve.
-        is_linear: whether the shift is linear in the parameters.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.
         declared_as: label of the source of uncertainty that the effect exceeds, where it is not the effect's own.
         typical_size: standard deviation of each parameter, or of all, on a sound industrial arm, where nothing of it is
@@ -237,7 +236,6 @@ class Effect(EffectLaw):
     plot_variable: ClassVar[str]
     special_cases: ClassVar[tuple[str, ...]] = ()
     is_physical: ClassVar[bool] = True
-    is_linear: ClassVar[bool] = False
     premise: ClassVar[str] = ''
     declared_as: ClassVar[str] = ''
     typical_size: ClassVar[float | tuple[float, ...] | None] = None
@@ -339,8 +337,6 @@ class Effect(EffectLaw):
 
 class LinearEffect(Effect):
     """An effect that is linear in its parameters."""
-
-    is_linear: ClassVar[bool] = True
 
     @abstractmethod
     def basis(self, at: TouchState) -> tuple[Shift, ...]:

@@ -390,7 +390,6 @@ class SensorCrossTalk(SensorEffect):
     )
     identified_by = 'forces from all directions in the frame of the sensor, slid in both directions'
     plot_variable = 'direction'
-    is_linear = True
     special_cases = ('sensor_rotation',)
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:

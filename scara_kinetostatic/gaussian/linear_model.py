@@ -7,10 +7,12 @@ no other measurement checks this one. A fit without the measurement would leave 
 Columns N of unknown errors e ~ N(0, I) are eliminated by M = (I + N Nᵀ)^(-1/2), columns without a prior by projection.
 
 **Variance components.** Columns may have the prior N(0, τ²), one τ for each group, and the noise two levels: both are
-estimated by restricted likelihood, with what has no prior projected off, by Fisher scoring and by EM steps.
+estimated by restricted likelihood, with what has no prior projected off: the sizes by Fisher scoring, the levels each
+by its sum of squares over its redundancy (Förstner's step), which stays where the likelihood is stationary.
 
 Sources: Cook and Weisberg, Residuals and Influence in Regression (1982), chapter 2; Patterson and Thompson, Biometrika
-58 (1971) 545, and Harville, J. Am. Stat. Assoc. 72 (1977) 320, for restricted likelihood.
+58 (1971) 545, and Harville, J. Am. Stat. Assoc. 72 (1977) 320, for restricted likelihood; Koch, Parameter Estimation
+and Hypothesis Testing in Linear Models (1999), section 3.6, for Förstner's step.
 """
 
 from __future__ import annotations
@@ -317,7 +319,9 @@ def estimate_sizes(
 
 
 def estimate_levels(inner: Projected, inverse: Floats, part: Floats, levels: Floats, weights: Floats) -> Floats:
-    """The noise levels after one step of expectation and maximisation at given sizes, (2,); as in `inverse_roots`."""
+    """The noise levels after one step at given sizes, (2,), each multiplied by yᵀP V_k P y / tr(P V_k): where they stay
+    the restricted likelihood is stationary. `inverse`, `part` and `levels` as of `inverse_roots`.
+    """
     n, d = part.shape[:2]
     scaled = inner.columns * weights
     factor = np.linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled)

@@ -13,7 +13,9 @@ from diagnosis.simulated import CELL, MORE, NOISE, UNKNOWN_NOISE, check_paramete
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.fit_point import select
 from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.noise_estimation import off_normal_uncertainty
 from scara_kinetostatic.diagnosis.advice import many_small
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
@@ -86,6 +88,17 @@ def test_the_size_of_off_normal_angles_does_not_depend_on_where_it_begins(cell):
     sizes = [calibrate(data, cell, [OffNormalForce(begin)]).model.off_normal_std for begin in (0.01, 0.3)]
     assert sizes[0] == pytest.approx(sizes[1], rel=5e-3)
     assert sizes[0] == pytest.approx(0.08, rel=0.2)
+
+
+def test_the_size_of_off_normal_angles_scatters_as_stated_where_noise_turns_the_force_as_well():
+    sizes, stds = [], []
+    for seed in range(20):
+        fit = calibrate(off_normal_fit(0.02, seed), CELL, [OffNormalForce()])
+        sizes.append(fit.model.off_normal_std)
+        stds.append(off_normal_uncertainty(select(fit.projection, fit.used)))
+    assert np.mean(sizes) == pytest.approx(0.02, rel=0.1)
+    assert np.std(sizes) == pytest.approx(np.mean(stds), rel=0.4)  # 20 sizes: 0.16
+    assert np.mean(stds) > 1.3 * 0.02 / np.sqrt(2 * len(fit.touches))
 
 
 def test_the_score_test_of_off_normal_angles_is_calibrated():
