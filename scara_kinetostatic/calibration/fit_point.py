@@ -190,6 +190,8 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
     """
     with np.errstate(all='ignore'):
         radial = as_radial(observations, model, first_guess(observations, model).state)
+        if near is not None and len(near.errors) > len(observations.errors):
+            near = None  # its errors are no longer there
         point = None if near is None else _in_rounds(observations, model, near, noise)
         if point is None or not np.isfinite(point.distance).all():
             return _in_rounds(observations, model, evaluate(observations, model, radial, noise), noise)

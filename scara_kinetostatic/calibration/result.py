@@ -111,6 +111,7 @@ class Calibration:
         alternatives: the sets of effects of which it is the mean; empty where it is no mean.
         place_stds: standard deviations of places of effects on their grids, by name, larger than those by `covariance`.
         added: what is in `covariance` besides what follows from the fit.
+        near: the touches adjusted to a model close by, where `projection` begins; None to begin as measured.
         touches: all touches that were not left out, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
@@ -158,6 +159,7 @@ class Calibration:
     alternatives: tuple[Alternative, ...] = ()
     place_stds: Mapping[str, float] = field(default_factory=dict)
     added: tuple[Contribution, ...] = ()
+    near: Point | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ('covariance_with_errors', 'random_values', 'errors', 'used', 'standardized'):
@@ -169,11 +171,10 @@ class Calibration:
         What has been worked out is kept where these do not alter it. The projection is `point`, where that is given;
         else a new one of the same touches begins at the one before.
         """
-        other = replace(self, **changes)
+        is_near = 'projection' in vars(self) and not changes.keys() & {'cell', 'touches'}
+        other = replace(self, near=self.projection if is_near else None, **changes)
         kept = {name for name, fields in _FOLLOWS_FROM.items() if not changes.keys() & fields}
         vars(other).update((name, known) for name, known in vars(self).items() if name in kept)
-        if 'projection' in vars(self) and not changes.keys() & {'cell', 'touches'}:
-            vars(other)['_near'] = self.projection
         if point is not None:
             vars(other)['projection'] = point
         return other
@@ -347,7 +348,7 @@ class Calibration:
     @cached_property
     def projection(self) -> Point:
         """All touches, outliers too, adjusted to the model with the noise of the fit; begun at a fit close by."""
-        return project(self.observe(), self.model, self.noise, vars(self).pop('_near', None))
+        return project(self.observe(), self.model, self.noise, self.near)
 
     @cached_property
     def undetermined(self) -> Floats:
@@ -443,7 +444,7 @@ def build_result(
         combinations=determined_pairs(found.unidentifiable, free, values, covariance),
         advice=advise(groups, mean_force),
     )
-    result = Calibration(
+    return Calibration(
         cell=cell,
         fixed=dict(fixed),
         subspace=found.subspace,
@@ -462,9 +463,8 @@ def build_result(
         identifiability=identifiability,
         iterations=found.iterations,
         termination=fit.termination,
+        near=fit.point,
     )
-    vars(result)['_near'] = fit.point
-    return result
 
 
 def _rejections(touches: TouchSet, found: Estimation, left_out: Sequence[Rejection]) -> tuple[Rejection, ...]:
