@@ -477,7 +477,7 @@ Stated = str | int | float | list[str]
 """As ROS parameters have it."""
 
 
-class Fact(NamedTuple):
+class Described(NamedTuple):
     """What a result is made from or worth: its type, its meaning in a few words, and how an outcome has it."""
 
     kind: type
@@ -486,46 +486,46 @@ class Fact(NamedTuple):
 
 
 FACTS = {
-    'assessment': Fact(str, 'may the result be used: fit, caution or unfit', lambda o: o.assessment.grade.value),
-    'reasons': Fact(list, 'of the assessment, the gravest first', lambda o: o.assessment.reasons),
-    'actions': Fact(list, 'what to do, in the order of the reasons', lambda o: o.assessment.actions),
-    'verdict': Fact(str, 'is the model complete: none, explained, ambiguous or unexplained', lambda o: o.verdict),
-    'effects': Fact(
+    'assessment': Described(str, 'may the result be used: fit, caution or unfit', lambda o: o.assessment.grade.value),
+    'reasons': Described(list, 'of the assessment, the gravest first', lambda o: o.assessment.reasons),
+    'actions': Described(list, 'what to do, in the order of the reasons', lambda o: o.assessment.actions),
+    'verdict': Described(str, 'is the model complete: none, explained, ambiguous or unexplained', lambda o: o.verdict),
+    'effects': Described(
         list, 'effects found', lambda o: [item.effect.label for item in o.diagnosis.found if item.is_found]
     ),
-    'possible_effects': Fact(
+    'possible_effects': Described(
         list,
         'effects of a model that is still incomplete',
         lambda o: [item.effect.label for item in o.diagnosis.found if item.in_every_model and item.is_possible],
     ),
-    'rivals': Fact(
+    'rivals': Described(
         list,
         'groups of effects that the touches do not tell apart, each with commas',
         lambda o: [', '.join(group) for group in o.diagnosis.rivals],
     ),
-    'possible_causes': Fact(
+    'possible_causes': Described(
         list,
         'the same in words, with their probabilities',
         lambda o: [rivals_in_words(o.diagnosis, group) for group in o.diagnosis.rivals],
     ),
-    'rank': Fact(int, 'how many combinations of the 12 parameters are determined', lambda o: o.final.base_rank),
-    'confounded': Fact(
+    'rank': Described(int, 'how many combinations of the 12 parameters are determined', lambda o: o.final.base_rank),
+    'confounded': Described(
         list,
         'groups of parameters that the touches do not separate, each with blanks',
         lambda o: [' '.join(group) for group in o.final.identifiability.confounded],
     ),
-    'touches.found': Fact(int, 'touches in the recordings', lambda o: o.found),
-    'touches.used': Fact(int, 'touches that the result is made from', lambda o: o.final.used.sum()),
-    'force_error.nominal': Fact(float, 'force error before, N', lambda o: o.comparison.nominal),
-    'held_out_force_error.extended': Fact(
+    'touches.found': Described(int, 'touches in the recordings', lambda o: o.found),
+    'touches.used': Described(int, 'touches that the result is made from', lambda o: o.final.used.sum()),
+    'force_error.nominal': Described(float, 'force error before, N', lambda o: o.comparison.nominal),
+    'held_out_force_error.extended': Described(
         float, 'the same after, on touches not used in the fit, N', lambda o: o.comparison.extended.held_out
     ),
-    'tip_uncertainty': Fact(
+    'tip_uncertainty': Described(
         float, 'largest expanded uncertainty of the tip in the workspace (95 %), m', lambda o: o.tip_uncertainty.worst
     ),
-    'warnings': Fact(list, 'irregularities of the recordings', lambda o: o.warnings),
-    'recordings': Fact(list, 'the recordings and touch tables', lambda o: o.sources),
-    'created': Fact(str, 'when the result was calculated, UTC', lambda o: utc(o.created)),
+    'warnings': Described(list, 'irregularities of the recordings', lambda o: o.warnings),
+    'recordings': Described(list, 'the recordings and touch tables', lambda o: o.sources),
+    'created': Described(str, 'when the result was calculated, UTC', lambda o: utc(o.created)),
 }
 """By the part of the parameter's name after `calibration.`."""
 
