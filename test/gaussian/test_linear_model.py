@@ -46,6 +46,7 @@ def test_a_basis_has_the_rank_of_its_columns():
     basis = orthonormal(every)
     np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(basis @ (basis.T @ columns), columns, rtol=1e-7)
+    assert orthonormal(columns[:, 1:2]).shape == (12, 1)
 
 
 def test_a_direction_counts_where_it_is_independent_and_not_made_by_noise():

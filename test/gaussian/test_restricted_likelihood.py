@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy import optimize
+from scipy.linalg import lstsq
 
 from scara_kinetostatic.gaussian.linear_model import (
     at_levels,
@@ -54,6 +56,9 @@ def test_the_likelihood_and_the_estimate_are_those_of_the_dense_covariance():
         np.testing.assert_allclose(found[1], u, atol=1e-10)
         np.testing.assert_allclose(found[2][:3, :3], covariance, atol=1e-10)
     np.testing.assert_allclose(np.diff(values, axis=0)[0][0], np.diff(values, axis=0)[0][1], rtol=1e-9)
+    left = lstsq(np.concatenate([fitted, known[0]]), np.concatenate([residual, known[1]]))[1]
+    unit = at_levels(inverse_roots(PART, np.ones(2)), fitted, columns, residual, known)
+    assert penalised(unit, np.zeros(6))[0] == pytest.approx(float(left))  # without columns the sum of squares
 
 
 def test_sizes_are_the_likeliest():
