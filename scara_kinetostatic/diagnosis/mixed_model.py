@@ -170,12 +170,11 @@ def fit_mixed(
         with suppress(np.linalg.LinAlgError, ParameterError):
             for step in _linearisations(c, known, model, keeps_touches, freedoms, begin, expected):
                 steps.append(step)
-            if steps[-1].is_valid and steps[-1].shift < 1.0:
-                found = _result(steps[-1], c)
-                if begin is not None or named.effects or len(steps) == 1 or not steps[0].is_valid:
-                    return found
-                first = _result(steps[0], c)
-                return found._replace(first=first if first.deviance < found.deviance - _CLEARLY else None)
+            first, last = steps[0], steps[-1]
+            if last.is_valid and last.shift < 1.0:
+                is_plain = begin is None and not named.effects
+                likelier = is_plain and first.is_valid and first.deviance < last.deviance - _CLEARLY
+                return _result(last, c)._replace(first=_result(first, c) if likelier else None)
         if steps and steps[0].is_valid:  # where it does not settle
             with suppress(np.linalg.LinAlgError):
                 return _result(steps[0], c)
@@ -202,6 +201,17 @@ class _Step(NamedTuple):
         """Whether the model is defined at the solution."""
         distance = self.moved.projection.distance[self.moved.used]
         return self.is_whole and bool(np.isfinite([self.solved.deviance, *distance]).all())
+
+    @property
+    def rejected(self) -> float:
+        """-2 log likelihood of the touches that are not used."""
+        used = self.moved.used
+        return float((~used).sum()) * -2 * float(np.log(FALSE_REJECTIONS / len(used)))
+
+    @property
+    def deviance(self) -> float:
+        """As in `MixedModel`."""
+        return self.solved.deviance + self.rejected
 
 
 def _linearisations(
@@ -540,14 +550,13 @@ def _result(step: _Step, base: Calibration) -> MixedModel:
         ),
         termination=Termination.CONVERGED,
     )
-    rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
     level = np.zeros(0)
     if c.random is not None:
         stated = np.isfinite([c.random.stated_size(column) for column in c.random.columns])
         common = np.exp(solved.logs[-1]) if c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED else 1.0
         level = np.where(stated, 1.0, _random_sizes(moved) * common / c.random.size)
     typical, is_free = _random_sizes(moved) / _random_sizes(c), _of_random(moved, solved.group) >= 0
-    return MixedModel(c, level, typical, is_free, solved.deviance + rejected, rejected, solved)
+    return MixedModel(c, level, typical, is_free, step.deviance, step.rejected, solved)
 
 
 def with_assumed_places(c: Calibration) -> Calibration:
