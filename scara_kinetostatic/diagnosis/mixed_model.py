@@ -673,5 +673,6 @@ def _rejections(c: Calibration, base: Calibration, distance: Floats) -> tuple[Re
     """The outliers of the model, and the touches that the base model left out."""
     places = set(c.touches.index.tolist())
     left_out = [item for item in base.rejected if item.index not in places]
-    outliers = outlier_rejections(c.touches.index[~c.used], c.residual[~c.used], distance[~c.used])
+    off = c.residual[~c.used] if not c.used.all() else np.zeros((0, 2))
+    outliers = outlier_rejections(c.touches.index[~c.used], off, distance[~c.used])
     return tuple(sorted((*left_out, *outliers), key=lambda item: item.index))

@@ -122,14 +122,13 @@ class Weighed(NamedTuple):
     def mixture(self) -> Mixture:
         """The values by each set of at least `LEAST` of which they can be stated; empty where there is none."""
         b, c = len(self.linear.along), len(self.linear.is_declared)
-        known, fit, odds = np.asarray(np.isfinite(self.lift).all(axis=0)), self.model.fit, self.odds
+        known = np.asarray(np.isfinite(self.lift[:, b + c :]).all(axis=0))
+        fit, odds = self.model.fit, self.odds
+        is_known = [known[form.columns].all() for form in self.forms]
         named, probabilities = list[Labels](), list[float]()
         own, with_undetected = list[list[SizedSet]](), list[list[SizedSet]]()
         for labels, merged in self._sets.items():
-            every = [
-                [part for part in odds.parts[x] if all(known[b + c + self.forms[k].columns].all() for k in part.forms)]
-                for x in merged
-            ]
+            every = [[part for part in odds.parts[x] if all(is_known[k] for k in part.forms)] for x in merged]
             together = _likeliest_parts([part for some in every for part in some])
             if every[0]:
                 named.append(labels)
