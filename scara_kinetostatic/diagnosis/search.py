@@ -156,13 +156,17 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         plain: the sets weighed at the mixed model without names, where they are known.
     """
     weighed = plain or weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
-    names, excluded, visited = frozenset[tuple[str, float]](), frozenset[str](), list[Weighed]()
-    tried = {names}
+    names, excluded, tried = frozenset[tuple[str, float]](), frozenset[str](), {frozenset[tuple[str, float]]()}
+    visited, settled = list[Weighed](), list[Weighed]()
     for _ in range(6):  # most searches end after one or two rounds
         members = weighed.likeliest(excluded)
         wanted = frozenset(_name(member) for member in members)
         if wanted == names or not members:
-            return Search(weighed, c)
+            settled.append(weighed)
+            if UNNAMED in excluded or all(member.effect.is_physical for member in members):
+                break
+            excluded |= {UNNAMED}  # where a curve is fitted, a set without may be likelier all the same
+            continue
         if wanted in tried:  # each of several sets is the likeliest at the fit with another
             break
         tried.add(wanted)
@@ -184,7 +188,7 @@ def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = No
         if not wrong:
             weighed, names = weigh(fitted, known), wanted
             visited.append(weighed)
-    return Search(min(visited, key=lambda one: one.deviance) if visited else weighed, c)
+    return Search(min(settled or visited or [weighed], key=lambda one: one.deviance), c)
 
 
 def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> MixedModel | None:

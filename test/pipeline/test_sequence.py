@@ -9,6 +9,9 @@ import pytest
 from calibration.studies import CELL as BARE
 
 from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.search import identify
+from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import MEASURED_DISCS
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings, gather_touches
@@ -50,13 +53,24 @@ def test_recordings_are_ordered_by_their_starts(tmp_path):
     assert 'between recording 2 and 1: corrected' in other.assessment.reasons[0]
 
 
-def test_tables_do_not_tell_their_order_and_it_is_said(tmp_path):
+def write_tables(tmp_path):
+    """The base has moved between the first and the second."""
     for seed, name, robot in ((3, 'a', PAPER_ACTUAL), (4, 'b', LATER)):
         touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=8), CELL.noise, seed)
         rows = np.hstack([touches.joints, touches.force]).tolist()
         lines = ['q1_rad,q2_rad,fx_N,fy_N', *(','.join(map(str, row)) for row in rows)]
         (tmp_path / f'{name}.csv').write_text('\n'.join(lines))
-    paths = [tmp_path / 'a.csv', tmp_path / 'b.csv']
+    return [tmp_path / 'a.csv', tmp_path / 'b.csv']
+
+
+def test_a_likelier_set_without_a_curve_is_found_where_one_with_it_settles(tmp_path):
+    touches, used = gather_touches(write_tables(tmp_path), CELL).touches, np.arange(96) != 42
+    found = identify(calibrate(touches, CELL).changed(used=used), catalogue(CELL))
+    assert [effect.label for effect in found.named] == ['shift[base]']
+
+
+def test_tables_do_not_tell_their_order_and_it_is_said(tmp_path):
+    paths = write_tables(tmp_path)
     assert not gather_touches(paths, CELL).sequence_known
     assert gather_touches(paths[:1], CELL).sequence_known
     found = calibrate_recordings(paths, CELL)
