@@ -5,8 +5,8 @@
     python -m benchmark.runner --mujoco --urdf ur5 --cells 5 --tolerance 1e-4
 
 Cells as in `benchmark.next`; every other one has a lift. The robot's base and offsets are 3 mm and 3 mrad off, the
-discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N, both sensors 250 Hz, the robot's lag
-20 ms. The run is that of the node `touch_runner`; a calibration takes 4 s of simulated time. Reported: why it ended, z
+discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N, both sensors 250 Hz (`--rate`; the
+robot moves in steps of a sample), the robot's lag 20 ms. The run is that of the node `touch_runner`; a calibration takes 4 s of simulated time. Reported: why it ended, z
 of all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
 
 With `--mujoco` the physics engine is the robot; that the tip stays out of the obstacles is then judged by its place.
@@ -67,6 +67,7 @@ class Options(NamedTuple):
         upright: whether gravity loads the joints.
         urdf: name of the robot; empty: a random arm.
         most: touches after which it ends.
+        rate: samples of both sensors per second, and steps of the robot.
     """
 
     tolerance: float = 3e-5
@@ -77,6 +78,7 @@ class Options(NamedTuple):
     upright: bool = False
     urdf: str = ''
     most: int = 100
+    rate: float = 250.0
 
 
 def cell_of(seed: int, options: Options) -> tuple[Cell, Cell, ExtendedModel]:
@@ -116,7 +118,9 @@ def stood_up(cell: Cell, truth: ExtendedModel, random: np.random.Generator) -> t
 def body_of(true: Cell, truth: ExtendedModel, options: Options) -> Body:
     """The robot; that of the engine has the contact friction of a model, and no obstacles."""
     if not options.mujoco:
-        return ModelBody(true, truth)
+        body = ModelBody(true, truth)
+        body.tick = 1 / options.rate
+        return body
     (friction,) = truth.effect_values[0]
     masses = masses_of(options.urdf) if options.urdf else Scene().masses
     scene = Scene('friction', truth.parameters, contact_friction=friction, masses=masses)
@@ -133,7 +137,7 @@ def run(seed: int, options: Options) -> dict[str, object]:
     row: dict[str, object] = {'cell': seed, 'lift': cell.lift is not None}
     try:
         plant = Plant(cell, body_of(true, truth, options), sensors=sensors, seed=seed)
-        rehearsal = Rehearsal(cell, plant, options.most, patience=30.0)
+        rehearsal = Rehearsal(cell, plant, options.most, options.rate, patience=30.0)
     except Exception as error:  # said before anything moves
         return row | {'refused': f'{type(error).__name__}: {error}'}
     runner = rehearsal.runner
@@ -246,6 +250,7 @@ def main() -> int:
     options_of.add_argument('--upright', action='store_true', help='gravity loads the joints')
     options_of.add_argument('--urdf', choices=SOURCES, default='', help='the robot of a URDF, upright')
     options_of.add_argument('--touches', type=int, default=100, help='at most')
+    options_of.add_argument('--rate', type=float, default=250.0, help='samples per second')
     options_of.add_argument('--jobs', type=int, default=1)
     options = options_of.parse_args()
     if options.mujoco and options.effect:
@@ -264,6 +269,7 @@ def main() -> int:
             options.upright,
             options.urdf,
             options.touches,
+            options.rate,
         )
         for row in pool.map(run, seeds, [given] * len(seeds)):
             print({key: value for key, value in row.items() if key != 'z'}, flush=True)
