@@ -6,8 +6,9 @@
 
 Cells as in `benchmark.next`; every other one has a lift. The robot's base and offsets are 3 mm and 3 mrad off, the
 discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N, both sensors 250 Hz (`--rate`; the
-robot moves in steps of a sample), the robot's lag 20 ms. The run is that of the node `touch_runner`; a calibration takes 4 s of simulated time. Reported: why it ended, z
-of all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
+robot moves in steps of a sample), the robot's lag 20 ms. The run is that of the node `touch_runner`; a calibration
+takes 4 s of simulated time. Reported: why it ended, z of all parameters, the largest force, contacts that were not
+planned, joint limits, touches and time.
 
 With `--mujoco` the physics engine is the robot; that the tip stays out of the obstacles is then judged by its place.
 With `--undetected none` effects that are not detected count for nothing. With `--even` an even plan is made until the

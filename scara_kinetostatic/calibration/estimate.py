@@ -227,7 +227,7 @@ def _next_round(
     """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
     noise, off_normal = now.noise, now.off_normal
     if off_normal or estimated_levels(noise, cell.noise):
-        noise, off_normal = _update_noise(observations, fit.point, now, cell)
+        noise, off_normal = noise_of_residuals(observations, fit.point, now.used, now.subspace, now.noise, cell)
     # while the noise converges a direction may be freed, an outlier taken back; later the two could alternate for ever
     good, late = find_good(distance), number >= 4
     if late:
@@ -245,21 +245,31 @@ def _next_round(
     return _Round(FINAL, good, noise, off_normal, everything.without(directions), directions)
 
 
-def _update_noise(observations: Observations, point: Point, now: _Round, cell: Cell) -> tuple[Noise, float]:
+def noise_of_residuals(
+    observations: Observations, point: Point, used: Mask, subspace: Subspace, noise: Noise, cell: Cell
+) -> tuple[Noise, float]:
     """The noise levels by the residuals of the good touches, those that the cell states are kept; and the standard
     deviation of the off-normal angles, rad.
+
+    Args:
+        observations: the touches.
+        point: the fit, whitened with `noise`.
+        used: touches that took part, (n,).
+        subspace: the changes that it could make.
+        noise: the levels so far.
+        cell: which levels are stated.
     """
-    good = now.used & find_good(point.distance)
-    if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
+    good = used & find_good(point.distance)
+    if good.sum() > subspace.basis.shape[1] // 2 + 1:
         point = select(point, good)
-    basis = now.subspace.with_errors(len(point.errors))
-    prior = ActivePrior.of(observations, now.subspace)
+    basis = subspace.with_errors(len(point.errors))
+    prior = ActivePrior.of(observations, subspace)
     known = None if prior is None else prior.system(point)
     system = least_squares.compress(point.whitened.jacobian, point.whitened.residual, basis=basis, prior=known)
     fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
     rows = None if known is None else known[:, :-1]
-    noise, off_normal = estimate_noise(point, fitted, now.noise, cell.noise, rows)
-    return raised(noise, cell, observations.joints), off_normal
+    found, off_normal = estimate_noise(point, fitted, noise, cell.noise, rows)
+    return raised(found, cell, observations.joints), off_normal
 
 
 def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:

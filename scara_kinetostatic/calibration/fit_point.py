@@ -86,8 +86,8 @@ ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, per_touch=0.1, damping
 FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
 
 
-_ROUNDS = 5
-"""In which touches are adjusted to a given model at most: those that do not alternate settle in three, mostly."""
+_ROUNDS = 3
+"""In which touches are adjusted to a given model at most: those that do not alternate settle in as many, mostly."""
 
 
 class Point(NamedTuple):

@@ -32,13 +32,17 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, WarmStart
+from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, WarmStart, find_good, noise_of_residuals
+from scara_kinetostatic.calibration.fit_point import last_step
+from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.lack_of_fit import FORCE, JOINT, OFF_NORMAL, find_dependences, growing_p_value
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model.cell import Cell, Noise
 
 PENALTY = 6.0
@@ -72,29 +76,49 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
     # as stated, and the score test, which leaves them free, sees little
     asked = growing_p_value(c, beside) < (0.03 if suspicious else STRICT_SIGNIFICANCE)
     asked = asked or (suspicious and c.cell.noise is not None and not _depends_on_something(c))
-    grown = fit_again(c, noise=c.noise._replace(force_relative=0.01)) if asked else None
-    if grown is None:
+    if not asked:
         return None
-    least = _deviance(grown)
-    gain = _deviance(c) - least
+    noise, least = _at_levels(c, c.noise._replace(force_relative=0.01), c.cell)
     # noise that grows by more than 5 % of the force is a model error
-    if gain < (PENALTY if suspicious else CREDIBLE) or grown.noise.growth > 0.05 or _is_understated(c, least):
+    if _at_levels(c, c.noise, c.cell)[1] - least < (PENALTY if suspicious else CREDIBLE) or noise.growth > 0.05:
         return None
-    return None if suspicious and _depends_on_something(grown) else grown.noise
+    if c.cell.noise is not None:  # stated levels that are all too small may explain the touches clearly better
+        free = _at_levels(c, c.noise._replace(force_relative=None), replace(c.cell, noise=None))[1]
+        if free < least - CREDIBLE:
+            return None
+    return None if suspicious and _depends_on_something(c.changed(noise=noise)) else noise
+
+
+def _at_levels(c: Calibration, noise: Noise, cell: Cell) -> tuple[Noise, float]:
+    """The noise by the residuals and D above, in the linear problem at a fit.
+
+    Args:
+        c: the fit.
+        noise: to begin with; it has the components wanted.
+        cell: which levels are stated.
+    """
+    observations, used = c.observe(), c.used
+    basis, prior = c.subspace.with_errors(len(observations.errors)), ActivePrior.of(observations, c.subspace)
+    for _ in range(20):
+        point = c.projection.with_noise(noise)
+        known = None if prior is None else prior.system(point)
+        w = point.whitened
+        system = least_squares.compress(w.jacobian, w.residual, used.astype(float), basis, known)
+        point, before = last_step(point, basis @ least_squares.damped_step(system, 0.0)), noise
+        used = find_good(point.distance)
+        if estimated_levels(noise, cell.noise):
+            noise, _ = noise_of_residuals(observations, point, used, c.subspace, noise, cell)
+        if all(abs(a - b) <= 0.01 * b for a, b in zip(noise.levels, before.levels, strict=True)):
+            break
+    l11, _, l22 = point.whitened.root
+    distance = np.where(used, point.distance, -2 * np.log(FALSE_REJECTIONS / len(used)))
+    return noise, float(np.sum(distance + 2 * np.log(l11 * l22))) + (0.0 if prior is None else prior.cost(point))
 
 
 def _depends_on_something(c: Calibration) -> bool:
     """Whether the residual of a fit, weighted by its noise, shows a model error."""
     dependences = find_dependences(c)
     return bool(dependences) and dependences[0].p_value * len(dependences) < STRICT_SIGNIFICANCE
-
-
-def _is_understated(c: Calibration, least: float) -> bool:
-    """Whether stated levels that are all too small explain the touches clearly better than further components do."""
-    if c.cell.noise is None:
-        return False
-    free = fit_again(c, cell=replace(c.cell, noise=None), noise=c.noise._replace(force_relative=None))
-    return free is not None and _deviance(free) < least - CREDIBLE
 
 
 def fit_with_off_normal(c: Calibration) -> Calibration | None:
@@ -125,12 +149,3 @@ def fit_again(c: Calibration, *, noise: Noise | None = None, cell: Cell | None =
     places = set(c.touches.index.tolist())
     left_out = [item for item in c.rejected if item.index not in places]
     return fit.changed(rejected=tuple(sorted((*left_out, *fit.rejected), key=lambda item: item.index)))
-
-
-def _deviance(calibration: Calibration) -> float:
-    """D above, up to a constant of the touches."""
-    c = calibration
-    l11, _, l22 = c.projection.whitened.root
-    rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
-    distance = np.where(c.used, c.projection.distance, rejection)
-    return float(np.sum(distance + 2 * np.log(l11 * l22))) + c.prior_cost
