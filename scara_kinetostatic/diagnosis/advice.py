@@ -10,9 +10,9 @@ from scipy import special
 from scara_kinetostatic.calibration.noise_estimation import reading_noise
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.diagnosis.candidates import Moment
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found
-from scara_kinetostatic.diagnosis.search import Moment
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet

@@ -7,12 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.linear_problem import INDEPENDENT_PART, Problem, fitted_effects, pose_problem
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
-from scara_kinetostatic.gaussian.linear_model import f_test
+from scara_kinetostatic.gaussian.linear_model import f_test, orthonormal
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.extended_model import ExtendedModel
+
+_PEAKS = 8
+"""Places of a grid about which a moment, a frequency or a friction is compared at least."""
+_UNLIKELY = 1e-3
+"""Of the weight of the likeliest place of a grid, below which a place does not count."""
 
 
 class Candidate(NamedTuple):
@@ -232,3 +239,106 @@ def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
     """
     p_value, share = f_test(candidate.unit, problem.left, problem.freedoms) or (1.0, 0.0)
     return min(1.0, candidate.tried * p_value), share
+
+
+def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
+    """L̄ and effects that fit the linear problem of the touches best, to start from."""
+    columns = [problem.columns(member.trial) for member in members]
+    together = np.concatenate(columns, axis=1)
+    scale = np.linalg.norm(together, axis=0)
+    scale[scale == 0] = 1.0
+    projected = (together - problem.base @ (problem.base.T @ together)) / scale
+    found = -np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
+    parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
+    values = [member.trial.values(part) for member, part in zip(members, parts, strict=True)]
+    moved = problem.without_effects + problem.response @ together @ found
+    base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
+    return ExtendedModel(base, tuple(member.effect for member in members), tuple(map(tuple, values)))
+
+
+class Moment(NamedTuple):
+    """The place of one effect of a fit on its grid: a moment, a frequency, a friction.
+
+    Attributes:
+        effect: the effect.
+        text: between which touches a moment is, with a probability of 95 %; empty for others.
+        std: its standard deviation.
+        change: of L̄, and of the amplitudes of the effect, from the place of the fit to each of some places,
+            (t, 12 + k); other effects are as fitted. Empty where the law is smooth in it.
+        weight: of these places, (t,).
+    """
+
+    effect: Effect
+    text: str
+    std: float
+    change: Floats
+    weight: Floats
+
+
+def moments(fit: Calibration) -> tuple[Moment, ...]:
+    """When the stepwise effects of a fit begin or end, and the frequency or friction of others, on which it depends in
+    waves and kinks.
+
+    Places of the grid are compared in the linear problem at the fit, about the likeliest of all: with χ²_k the least
+    sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
+    """
+    named = [item for item in fitted_effects(fit) if item[0].label not in fit.held_effects]
+    if not any(effect.grid_parameter for effect, _ in named):
+        return ()
+    problem, found = pose_problem(fit), []
+    candidates = [as_fitted(problem, effect, values) for effect, values in named]
+    scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
+    for number, (effect, values) in enumerate(named):
+        at = problem.touch_state
+        trials = effect.trials(at, problem.force) if effect.grid_parameter else ()
+        if len(trials) < 2 or any(f'{effect.label}.{p.name}' in fit.fixed for p in effect.parameters):
+            continue
+        others = [item.unit for k, item in enumerate(candidates) if k != number and item.unit.size]
+        beside = orthonormal(np.concatenate(others, axis=1)) if others else None
+
+        def gained(some: Sequence[Trial], effect: Effect = effect, beside: Floats | None = beside) -> Floats:
+            return gains(problem, scan_trials(problem, effect, some, len(some)), beside)
+
+        gain = gained(trials)
+        least = min(np.sort(gain)[-_PEAKS:][0], gain.max() + 2 * scale * np.log(_UNLIKELY))
+        nearest = np.flatnonzero(gain >= least).tolist()
+        width = 3.0 if effect.is_stepwise else 1.0
+        trials = [trial for k in nearest for trial in effect.finer(at, trials[k], width)] or trials
+        trials = list({round(trial.place, 12): trial for trial in trials}.values())  # the grids overlap
+        gain, places = gained(trials), np.array([trial.place for trial in trials])
+        weight = np.exp((gain - gain.max()) / (2 * scale))
+        # a wave is near to linear in its frequency; beside a curve any would do
+        has_kinks = effect.is_stepwise or not effect.is_smooth
+        likely = np.flatnonzero(weight > _UNLIKELY) if has_kinks else np.empty(0, dtype=np.intp)
+        weight /= weight.sum()
+        off = np.abs(places - values[effect.grid_parameter_index])
+        text, std = '', float(np.sqrt(weight @ off**2))
+        if effect.is_stepwise:
+            text, std = _when(fit, problem, effect, places, weight)
+        every = [list(candidates) for _ in range(len(likely) + 1)]
+        for one, k in zip(every, (*likely.tolist(), int(np.argmin(off))), strict=True):
+            one[number] = one[number]._replace(trial=trials[k])
+        *with_each, here = (start_from(problem, one).as_array() for one in every)
+        change = np.array([one - here for one in with_each])
+        found.append(Moment(effect, text, std, change, weight[likely] / weight[likely].sum()))
+    return tuple(found)
+
+
+def _when(fit: Calibration, problem: Problem, effect: Effect, places: Floats, weight: Floats) -> tuple[str, float]:
+    """Between which touches an effect begins or ends, and the standard deviation of that moment."""
+    touches, known = fit.touches, problem.touch_state.metadata.order
+    order = np.sort(touches.order[fit.used])
+    acts = order if known is None else np.sort(known[effect.acts_on(problem.touch_state)])
+    best = np.argsort(-weight)
+    likely = places[best[: int(np.searchsorted(np.cumsum(weight[best]), 0.95)) + 1]]
+    low = float(acts[acts < likely.min()].max(initial=order[0]))
+    high = float(acts[acts > likely.max()].min(initial=order[-1]))
+    two = [int(np.flatnonzero(touches.order == one)[0]) for one in (low, high)]
+    first, second = touches.recording[two].tolist()
+    where = ['numbered in the order of time'] if np.any(touches.index[two] != touches.order[two]) else []
+    where += [f'that is between the recordings {first + 1} and {second + 1}'] if first != second else []
+    mean = float(weight @ places)
+    after = np.clip(np.searchsorted(acts, places), 1, len(acts) - 1)
+    between = (acts[after] - acts[after - 1]) ** 2 / 12  # a moment may lie anywhere between its two touches
+    text = ', '.join([f'{effect.title} between the touches {low:.0f} and {high:.0f}', *where])
+    return text, float(np.sqrt(weight @ ((places - mean) ** 2 + between)))

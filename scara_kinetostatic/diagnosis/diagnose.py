@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 from scipy import special
@@ -21,31 +20,24 @@ from scara_kinetostatic.calibration.noise_estimation import off_normal_uncertain
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
-from scara_kinetostatic.diagnosis.lack_of_fit import adequacy, find_dependences, off_normal_p_value
-from scara_kinetostatic.diagnosis.linear_problem import (
-    FRICTION_SIGNIFICANCE,
-    SIGNIFICANCE,
-    STRICT_SIGNIFICANCE,
-    fitted_effects,
-)
+from scara_kinetostatic.diagnosis.candidates import Moment, moments
+from scara_kinetostatic.diagnosis.lack_of_fit import adequacy, find_dependences
+from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_assumed_places, with_places
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
-from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Moment, Search, likeliest, moments, naming
-from scara_kinetostatic.diagnosis.weighing import Weighed, is_placed, weigh
+from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Search, chi_square_p_value, is_explained, likeliest
+from scara_kinetostatic.diagnosis.weighing import Weighed, weigh
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
-
-_MOST_NAMED = 5
-"""Effects of several likely sets that are fitted together at most."""
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
     """Test whether the base model is complete, and find what it lacks.
 
-    Assumes Gaussian noise and independent touches. The p-value is that of `_examine`. Where the stated noise is too
+    Assumes Gaussian noise and independent touches. The p-value is that of `_report`. Where the stated noise is too
     large, the noise is estimated; where the touches show noise that grows with the force (`noise_structure`), with this
     component.
 
@@ -107,62 +99,56 @@ def _shares(c: Calibration) -> int:
 
 
 def _with_likeliest_noise(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
-    """The diagnosis with the noise as stated or estimated, or with the component that the touches ask for."""
-    found, deviance = _with_noise_that_fits(calibration, known)
-    refitted = noise_candidate(calibration, found)
-    if refitted is None:
-        return found
-    other, lower = _with_noise_that_fits(refitted, known)
-    if (other.verdict == 'unexplained' and found.verdict != 'unexplained') or deviance - lower <= PENALTY:
-        return found
-    final = other.extended or other.refitted
-    if calibration.cell.noise is not None and final is not None and advice.has_small_residuals(final):
-        return found  # smaller than the noise that is stated: what grows is no noise
-    return other if other.refitted is not None else replace(other, refitted=refitted)
+    """The diagnosis with the noise as stated, estimated where it is stated too large, or with the component that the
+    touches ask for.
+    """
+    bases, found = [calibration], list[tuple[Diagnosis, float]]()
+    for base in bases:
+        overstated, diagnosis, deviance = advice.overstated_noise(base), None, 0.0
+        if not overstated:
+            diagnosis, deviance = _report(base, likeliest(base, known))
+            # undetected errors take from the residual; without them it is as large at least as the noise
+            if diagnosis.extended is not None and advice.overstated_noise(diagnosis.extended):
+                plain = fit_again(diagnosis.extended)
+                overstated = '' if plain is None else advice.overstated_noise(plain)
+        if diagnosis is None or overstated:
+            free = fit_again(base, cell=replace(base.cell, noise=None)) or base
+            diagnosis, deviance = _report(free, likeliest(free, known))
+        if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
+            stated = weigh(fit_mixed(base, known, freedoms=HEAVY_TAILS), known)
+            diagnosis = replace(diagnosis, refitted=_averaged(stated, stated.model.fit))
+        found.append((_with_remarks(diagnosis, base, overstated), deviance))
+        grown = noise_candidate(calibration, found[0][0]) if len(found) == 1 else None
+        bases += [] if grown is None else [grown]
+    (best, deviance), *others = found
+    for other, lower in others:
+        if (other.verdict == 'unexplained' and best.verdict != 'unexplained') or deviance - lower <= PENALTY:
+            continue
+        final = other.extended or other.refitted
+        if calibration.cell.noise is not None and final is not None and advice.has_small_residuals(final):
+            continue  # smaller than the noise that is stated: what grows is no noise
+        best = other if other.refitted is not None else replace(other, refitted=bases[1])
+    return best
 
 
-def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, float]:
-    """The diagnosis with the noise of a calibration, estimated where it is stated too large; its deviance."""
-    overstated = advice.overstated_noise(calibration)
-    found = None if overstated else _examine(calibration, known)
-    if found is not None and found[0].extended is not None and advice.overstated_noise(found[0].extended):
-        # undetected errors take from the residual; without them it is as large at least as the noise
-        plain = fit_again(found[0].extended)
-        overstated = '' if plain is None else advice.overstated_noise(plain)
-    if found is None or overstated:
-        cell = replace(calibration.cell, noise=None)
-        found = _examine(fit_again(calibration, cell=cell) or calibration, known)
-    diagnosis, deviance = found
-    if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
-        stated = weigh(fit_mixed(calibration, known, freedoms=HEAVY_TAILS), known)
-        diagnosis = replace(diagnosis, refitted=_averaged(stated, stated.model.fit))
-    noise = advice.noise_found(diagnosis.extended or diagnosis.refitted or calibration)
-    fixed = advice.fixed_parameters(calibration) if diagnosis.verdict != 'none' else ''
-    unknown, premises = advice.unknown_history(calibration.touches, diagnosis), advice.premises(diagnosis)
-    text = advice.joined(overstated, noise, diagnosis.advice, fixed, unknown, premises)
-    return replace(diagnosis, advice=text), deviance
+def _with_remarks(diagnosis: Diagnosis, base: Calibration, overstated: str) -> Diagnosis:
+    """A diagnosis of a base model with what is to be said of its noise and premises."""
+    noise = advice.noise_found(diagnosis.extended or diagnosis.refitted or base)
+    fixed = advice.fixed_parameters(base) if diagnosis.verdict != 'none' else ''
+    unknown, premises = advice.unknown_history(base.touches, diagnosis), advice.premises(diagnosis)
+    return replace(diagnosis, advice=advice.joined(overstated, noise, diagnosis.advice, fixed, unknown, premises))
 
 
-def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, float]:
-    """Weigh what may be missing, and report nothing, a lack of fit or an extended model; the deviance of the model.
+def _report(c: Calibration, found: Search) -> tuple[Diagnosis, float]:
+    """What a search says: nothing missing, a lack of fit or an extended model; the deviance of the model.
 
     The p-value is that of "no effect is gross": the inverse of its Bayes factor, which is smaller than p with a
     probability of at most p where nothing is missing; or, where the noise is stated, of the chi-square of the mixed
     model.
     """
-    plain = weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
-    off_normal = off_normal_p_value(c)
-    is_plain = plain.odds.none >= 0.5 and not plain.likeliest(frozenset())
-    is_settled = plain.model.first is None and c.used.all()
-    if is_plain and is_settled and off_normal >= FRICTION_SIGNIFICANCE and _is_explained(plain.model.fit, SIGNIFICANCE):
-        return _without_effects(c, Search(plain, c), plain), plain.deviance
-    found = likeliest(c, known, plain, off_normal < FRICTION_SIGNIFICANCE)
-    fits = [found.weighed, plain] if all(map(is_placed, found.named)) else [plain]  # a small wave is in the fit
-    if found.angles or found.named:
-        found = _named(found, known)
     if not found.angles and found.weighed.odds.none >= POSSIBLE:
-        for weighed in fits:
-            if _is_explained(weighed.model.fit, STRICT_SIGNIFICANCE):
+        for weighed in found.without:
+            if is_explained(weighed.model.fit, STRICT_SIGNIFICANCE):
                 return _without_effects(c, found, weighed), found.deviance
     elif found.angles or found.named:
         return _with_extended_model(c, found), found.deviance
@@ -191,7 +177,7 @@ def _without_effects(c: Calibration, found: Search, weighed: Weighed) -> Diagnos
     """
     fit = weighed.model.fit
     refitted = _averaged(weighed, fit) if fit.random is not None else None
-    is_small = not _is_explained(c, SIGNIFICANCE)
+    is_small = not is_explained(c, SIGNIFICANCE)
     p_value = _p_value(found, fit)
     return Diagnosis(
         'none',
@@ -213,35 +199,9 @@ def _averaged(weighed: Weighed, fit: Calibration) -> Calibration:
     return with_assumed_places(averaged(fit, *weighed.mixture()))
 
 
-def _is_explained(fit: Calibration, level: float) -> bool:
-    """Whether a fit explains its residual at a level of significance, with plausible noise where this is estimated."""
-    return _chi_square_p_value(fit) >= level and advice.implausible_noise(fit) is None
-
-
-def _chi_square_p_value(fit: Calibration) -> float:
-    """P-value of the residual of a fit beside stated noise; 1 where the noise is estimated."""
-    return fit.p_value if fit.noise_source == 'given' else 1.0
-
-
 def _p_value(found: Search, fit: Calibration) -> float:
-    """P-value of "no effect is gross" with a fit (see `_examine`)."""
-    return min(1.0, found.none / max(1 - found.none, 1e-300), 4 * _chi_square_p_value(fit))
-
-
-def _named(found: Search, known: tuple[Effect, ...]) -> Search:
-    """A search with the fit of what is found or, where that does not explain the touches, of all possible causes."""
-    named = [effect.label for effect in found.named]
-    wanted = [label for label in (*found.sure, *chain(*found.rivals)) if label != found.angles]
-    if not found.is_explained:
-        wanted = [*wanted, *named]
-    # a wave without an amplitude has no phase: rivals like it stay among what is not named, where they are linear
-    has_phase = {
-        item.effect.label
-        for item in found.weighed.candidates.candidates
-        if np.sum(item.effect.amplitudes(np.ones(len(item.effect.parameters))) == 0) > bool(item.effect.grid_parameter)
-    }
-    wanted = [x for x in dict.fromkeys(wanted) if x in named or x not in has_phase][:_MOST_NAMED]
-    return found if set(wanted) == set(named) else naming(found, known, wanted)
+    """P-value of "no effect is gross" with a fit (see `_report`)."""
+    return min(1.0, found.none / max(1 - found.none, 1e-300), 4 * chi_square_p_value(fit))
 
 
 def _with_extended_model(c: Calibration, found: Search) -> Diagnosis:

@@ -243,8 +243,11 @@ def _linearisations(
             raise np.linalg.LinAlgError('the linearisations lead away from the touches')
         solved = _solve(latest, c, sizes, logs, levels, expected)
         logs, shift = solved.logs, _shift(latest, solved)
-        moved, is_whole = _closer(latest, _moved(latest, solved, c.noise))
-        yield _Step(moved, solved, is_whole, shift)
+        for part in (1.0, 0.5, 0.25, 0.125):  # a part of the way where the model is not defined at its end
+            moved = _moved(latest, solved, c.noise, part)
+            if np.isfinite(moved.projection.distance[latest.used]).all():
+                break
+        yield _Step(moved, solved, part == 1.0, shift)
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
         settled = shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
         good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
@@ -461,8 +464,8 @@ def _lift(c: Calibration, tau: Floats, b: int) -> Floats:
     return lift
 
 
-def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
-    """The calibration at the solution of its linearisation, with the noise that this has found."""
+def _moved(c: Calibration, solved: _Solved, before: Noise, part: float) -> Calibration:
+    """The calibration a part of the way to the solution of its linearisation, with the noise that this has found."""
     changes, errors, random = np.split(solved.change, np.cumsum([len(c.model.names), len(c.errors)]))
     values = c.model.as_array() - amplitudes(c) + changes
     random, noise = random * _of_random(c, solved.tau) / _random_sizes(c), c.noise
@@ -473,22 +476,11 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
         joint, force = max(noise.joint_rms * by_joints, least[0]), max(noise.force_rms * by_force, least[2])
         noise = noise._replace(joint=joint, force=force, force_relative=growth)
         noise = raised(noise, c.cell, c.touches.joints)
+    latest = c.model.as_array(), c.errors, c.random_values
+    values, errors, random = (
+        old + part * (new - old) if part < 1 else new for old, new in zip(latest, (values, errors, random), strict=True)
+    )
     return c.changed(model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
-
-
-def _closer(before: Calibration, after: Calibration) -> tuple[Calibration, bool]:
-    """The solution of a linearisation, or a half, a quarter, an eighth of the way where the model is not defined there;
-    whether it is the solution.
-    """
-    whole = after
-    for _ in range(3):
-        if np.isfinite(after.projection.distance[before.used]).all():
-            break
-        both = ((getattr(one, name) for one in (before, after)) for name in ('errors', 'random_values'))
-        errors, random = (0.5 * (one + other) for one, other in both)
-        values = 0.5 * (before.model.as_array() + after.model.as_array())
-        after = after.changed(model=after.model.with_array(values), errors=errors, random_values=random)
-    return after, after is whole
 
 
 def _good(c: Calibration, solved: _Solved, moved: Calibration, late: bool) -> Mask:

@@ -8,9 +8,10 @@ what errors of that size do not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -20,25 +21,22 @@ from scara_kinetostatic.calibration.estimate import find_good
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, scan_trials
+from scara_kinetostatic.diagnosis import advice
+from scara_kinetostatic.diagnosis.candidates import Candidate, start_from
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     FRICTION_SIGNIFICANCE,
-    INDEPENDENT_PART,
+    SIGNIFICANCE,
     STRICT_SIGNIFICANCE,
-    Problem,
     fitted_effects,
-    pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
-from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, weigh
-from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, is_placed, weigh
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.gaussian.linear_model import orthonormal
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G2, P_EE
 
@@ -48,10 +46,8 @@ POSSIBLE = 0.05
 """Probability of "no effect" below which the touches show that something is missing; part of the likeliest set's
 probability from which on another one is its rival.
 """
-_PEAKS = 8
-"""Places of a grid about which a moment, a frequency or a friction is compared at least."""
-_UNLIKELY = 1e-3
-"""Of the weight of the likeliest place of a grid, below which a place does not count."""
+_MOST_NAMED = 5
+"""Effects of several likely sets that are fitted together at most."""
 _BELOW_ZERO = 4.0
 """Standard deviations below zero at which a compliance or backlash is of no robot."""
 
@@ -62,6 +58,7 @@ class Search(NamedTuple):
     Attributes:
         weighed: the sets of effects at the fit with the likeliest one.
         base: the fit without effects of the catalogue that it belongs to.
+        without: the sets at the fits by which nothing may be missing, the likeliest first.
         angles: label of random off-normal angles, which `base` then has; empty for none.
         angles_odds: log odds of these beforehand.
         angles_probability: of these.
@@ -69,6 +66,7 @@ class Search(NamedTuple):
 
     weighed: Weighed
     base: Calibration
+    without: tuple[Weighed, ...] = ()
     angles: str = ''
     angles_odds: float = 0.0
     angles_probability: float = 1.0
@@ -146,16 +144,33 @@ class Search(NamedTuple):
             groups.append((label, *(x for x in every if x in instead)))
         return tuple(dict.fromkeys(groups))
 
+    @property
+    def wanted(self) -> list[str]:
+        """Labels of the effects to fit together: of those found or, where these do not explain the touches, of all
+        possible causes.
+        """
+        named = [effect.label for effect in self.named]
+        wanted = [label for label in (*self.sure, *chain(*self.rivals)) if label != self.angles]
+        if not self.is_explained:
+            wanted = [*wanted, *named]
+        # a wave without an amplitude has no phase: rivals like it stay among what is not named, where they are linear
+        has_phase = {
+            item.effect.label
+            for item in self.weighed.candidates.candidates
+            if np.sum(item.effect.amplitudes(np.ones(len(item.effect.parameters))) == 0)
+            > bool(item.effect.grid_parameter)
+        }
+        return [x for x in dict.fromkeys(wanted) if x in named or x not in has_phase][:_MOST_NAMED]
 
-def identify(c: Calibration, known: Sequence[Effect], plain: Weighed | None = None) -> Search:
+
+def identify(c: Calibration, known: Sequence[Effect], weighed: Weighed) -> Search:
     """The mixed model of a calibration with the likeliest set of effects.
 
     Args:
         c: the base model; effects that it has stay.
         known: the catalogue.
-        plain: the sets weighed at the mixed model without names, where they are known.
+        weighed: the sets at the mixed model without names.
     """
-    weighed = plain or weigh(fit_mixed(c, known, freedoms=HEAVY_TAILS), known)
     names, excluded, tried = frozenset[tuple[str, float]](), frozenset[str](), {frozenset[tuple[str, float]]()}
     visited, settled = list[Weighed](), list[Weighed]()
     for _ in range(6):  # most searches end after one or two rounds
@@ -214,55 +229,69 @@ def _name(member: Candidate) -> tuple[str, float]:
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
 
 
-def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
-    """L̄ and effects that fit the linear problem of the touches best, to start from."""
-    columns = [problem.columns(member.trial) for member in members]
-    together = np.concatenate(columns, axis=1)
-    scale = np.linalg.norm(together, axis=0)
-    scale[scale == 0] = 1.0
-    projected = (together - problem.base @ (problem.base.T @ together)) / scale
-    found = -np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
-    parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
-    values = [member.trial.values(part) for member, part in zip(members, parts, strict=True)]
-    moved = problem.without_effects + problem.response @ together @ found
-    base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
-    return ExtendedModel(base, tuple(member.effect for member in members), tuple(map(tuple, values)))
-
-
-def likeliest(c: Calibration, known: Sequence[Effect], plain: Weighed, off_normal: bool) -> Search:
-    """The likeliest of several ways to begin: at the fit without names, and at its first linearisation where that is
-    likelier; with all touches where some were rejected, which an effect may explain; with the usual noise, where what
-    is missing was taken for it; with off-normal angles.
+def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
+    """The likeliest of several ways to begin, with the fit of what is found or, where that does not explain the
+    touches, of all possible causes; the fit without names where this shows that nothing is missing.
 
     Args:
         c: the base model.
         known: the catalogue.
-        plain: the sets weighed at the mixed model without names.
-        off_normal: whether the test of the off-normal angles is significant.
     """
-    found = [identify(c, known, plain)]
-    if (first := plain.model.first) is not None:
-        found += [item for item in [identify(c, known, weigh(first, known))] if item.named]
-    if not c.used.all() and not found[0].fit.used.all():
-        every = c.changed(used=np.ones(len(c.touches), dtype=bool))
-        with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
-            found.append(
-                identify(every, known, weigh(fit_mixed(every, known, keeps_touches=True, freedoms=HEAVY_TAILS), known))
-            )
-    if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
-        usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
-        if usual is not None and len(usual.touches) == len(c.touches):
-            with suppress(UnsupportedDataError):
-                found.append(identify(usual.changed(cell=c.cell), known))
+    plain, off_normal = _plain(c, known), off_normal_p_value(c) < FRICTION_SIGNIFICANCE
+    is_none = plain.odds.none >= 0.5 and not plain.likeliest(frozenset()) and plain.model.first is None
+    if is_none and c.used.all() and not off_normal and is_explained(plain.model.fit, SIGNIFICANCE):
+        return Search(plain, c, (plain,))
+    found = list[Search]()
+    for base, weighed in _starts(c, known, plain, found):
+        item = identify(base, known, weighed)
+        if item.named or weighed.model is not plain.model.first:
+            found.append(item)
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
-    if off_normal and not _is_radial(best):
-        for item in _with_off_normal_forces(c, known):
-            sure = float(special.expit((best.deviance - item.deviance) / 2))
-            if sure >= FOUND:
-                found.append(item._replace(angles_probability=sure))
-    return _likeliest(found)
+    turned = fit_with_off_normal(c) if off_normal and not _is_radial(best) else None
+    if turned is not None:
+        some = _beside_angles(known, turned)
+        with_angles = _of_angles(identify(turned, some, _plain(turned, some)), len(known))
+        sure = float(special.expit((best.deviance - with_angles.deviance) / 2))
+        if sure >= FOUND:
+            best = _likeliest([*found, with_angles._replace(angles_probability=sure)])
+    is_small = all(map(is_placed, best.named))  # a small wave is in the fit
+    best = best._replace(without=(best.weighed, plain) if is_small else (plain,))
+    return naming(best, known, best.wanted) if best.angles or best.named else best
+
+
+def _plain(c: Calibration, known: Sequence[Effect], *, keeps_touches: bool = False) -> Weighed:
+    """The sets of effects at the mixed model without names."""
+    return weigh(fit_mixed(c, known, keeps_touches=keeps_touches, freedoms=HEAVY_TAILS), known)
+
+
+def _starts(
+    c: Calibration, known: Sequence[Effect], plain: Weighed, found: Sequence[Search]
+) -> Iterator[tuple[Calibration, Weighed]]:
+    """Base models and fits without names to begin at: that of all, and its first linearisation where that is likelier;
+    with all touches where some were rejected, which an effect may explain; with the usual noise, where what is missing
+    was taken for it.
+
+    Args:
+        c: the base model.
+        known: the catalogue.
+        plain: the sets weighed at the fit without names.
+        found: what the starts so far have led to.
+    """
+    yield c, plain
+    if plain.model.first is not None:
+        yield c, weigh(plain.model.first, known)
+    if not c.used.all() and not found[0].fit.used.all():
+        every = c.changed(used=np.ones(len(c.touches), dtype=bool))
+        with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
+            yield every, _plain(every, known, keeps_touches=True)
+    if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
+        usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
+        if usual is not None and len(usual.touches) == len(c.touches):
+            usual = usual.changed(cell=c.cell)
+            with suppress(UnsupportedDataError):
+                yield usual, _plain(usual, known)
 
 
 def _likeliest(found: Sequence[Search]) -> Search:
@@ -278,9 +307,10 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
         known: the catalogue.
         labels: of the effects to name.
     """
+    if set(labels) == {effect.label for effect in found.named}:
+        return found
     model, base = found.fit.model, found.base.changed(used=found.fit.used)
-    turned = {effect.name for effect, _ in fitted_effects(base) if effect.off_normal_std}
-    known = [effect for effect in known if effect.name not in turned]
+    known = _beside_angles(known, base)
     pairs = {effect.label: (effect, values) for effect, values in zip(model.effects, model.effect_values, strict=True)}
     for label in labels:  # rivals together would start at large values of opposite sign: at zero
         if label not in pairs:
@@ -306,110 +336,35 @@ def _is_radial(found: Search) -> bool:
     return physical and fits and off_normal_p_value(found.fit) > FRICTION_SIGNIFICANCE
 
 
-def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Search]:
-    """Random off-normal angles, and other effects beside them; empty where these are not significant.
+def is_explained(fit: Calibration, level: float) -> bool:
+    """Whether a fit explains its residual at a level of significance, with plausible noise where this is estimated."""
+    return chi_square_p_value(fit) >= level and advice.implausible_noise(fit) is None
+
+
+def chi_square_p_value(fit: Calibration) -> float:
+    """P-value of the residual of a fit beside stated noise; 1 where the noise is estimated."""
+    return fit.p_value if fit.noise_source == 'given' else 1.0
+
+
+def _beside_angles(known: Sequence[Effect], base: Calibration) -> list[Effect]:
+    """The catalogue without friction, where a base model has random off-normal angles."""
+    turned = {effect.name for effect, _ in fitted_effects(base) if effect.off_normal_std}
+    return [effect for effect in known if effect.name not in turned]
+
+
+def _of_angles(found: Search, count: int) -> Search:
+    """A search beside random off-normal angles, by their odds beside a catalogue of so many effects: none where they
+    are not significant.
 
     The test is made at the parameters of the model with them: those without may be far off. Where noise that grows with
     the force is significant beside the angles, these must be more significant by the same factor.
     """
-    with_angles = fit_with_off_normal(c)
-    if with_angles is None:
-        return []
-    friction = next(effect for effect, _ in fitted_effects(with_angles) if effect.off_normal_std)
-    found = identify(with_angles, [effect for effect in known if effect.name != friction.name])
-    others = tuple(effect for effect in found.fit.model.effects if not effect.off_normal_std)
-    without = found.fit.changed(model=found.fit.model.with_effects(others))
+    model = found.fit.model
+    (friction,) = (effect for effect in model.effects if effect.off_normal_std)
+    others = tuple(effect for effect in model.effects if not effect.off_normal_std)
+    without = found.fit.changed(model=model.with_effects(others))
     off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(found.fit)
-    if off_normal >= FRICTION_SIGNIFICANCE * (growing if growing < FRICTION_SIGNIFICANCE else 1.0):
-        return []
+    is_significant = off_normal < FRICTION_SIGNIFICANCE * (growing if growing < FRICTION_SIGNIFICANCE else 1.0)
     # one effect of the catalogue, its size as uncertain as the touches leave it
-    odds = np.log(NUMBER[1] / NUMBER[0] / max(len(known), 1)) - 0.5 * np.log(len(c.touches))
-    return [found._replace(angles=friction.label, angles_odds=float(odds))]
-
-
-class Moment(NamedTuple):
-    """The place of one effect of a fit on its grid: a moment, a frequency, a friction.
-
-    Attributes:
-        effect: the effect.
-        text: between which touches a moment is, with a probability of 95 %; empty for others.
-        std: its standard deviation.
-        change: of L̄, and of the amplitudes of the effect, from the place of the fit to each of some places,
-            (t, 12 + k); other effects are as fitted. Empty where the law is smooth in it.
-        weight: of these places, (t,).
-    """
-
-    effect: Effect
-    text: str
-    std: float
-    change: Floats
-    weight: Floats
-
-
-def moments(fit: Calibration) -> tuple[Moment, ...]:
-    """When the stepwise effects of a fit begin or end, and the frequency or friction of others, on which it depends in
-    waves and kinks.
-
-    Places of the grid are compared in the linear problem at the fit, about the likeliest of all: with χ²_k the least
-    sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
-    """
-    named = [item for item in fitted_effects(fit) if item[0].label not in fit.held_effects]
-    if not any(effect.grid_parameter for effect, _ in named):
-        return ()
-    problem, found = pose_problem(fit), []
-    candidates = [as_fitted(problem, effect, values) for effect, values in named]
-    scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
-    for number, (effect, values) in enumerate(named):
-        at = problem.touch_state
-        trials = effect.trials(at, problem.force) if effect.grid_parameter else ()
-        if len(trials) < 2 or any(f'{effect.label}.{p.name}' in fit.fixed for p in effect.parameters):
-            continue
-        others = [item.unit for k, item in enumerate(candidates) if k != number and item.unit.size]
-        beside = orthonormal(np.concatenate(others, axis=1)) if others else None
-
-        def gained(some: Sequence[Trial], effect: Effect = effect, beside: Floats | None = beside) -> Floats:
-            return gains(problem, scan_trials(problem, effect, some, len(some)), beside)
-
-        gain = gained(trials)
-        least = min(np.sort(gain)[-_PEAKS:][0], gain.max() + 2 * scale * np.log(_UNLIKELY))
-        nearest = np.flatnonzero(gain >= least).tolist()
-        width = 3.0 if effect.is_stepwise else 1.0
-        trials = [trial for k in nearest for trial in effect.finer(at, trials[k], width)] or trials
-        trials = list({round(trial.place, 12): trial for trial in trials}.values())  # the grids overlap
-        gain, places = gained(trials), np.array([trial.place for trial in trials])
-        weight = np.exp((gain - gain.max()) / (2 * scale))
-        # a wave is near to linear in its frequency; beside a curve any would do
-        has_kinks = effect.is_stepwise or not effect.is_smooth
-        likely = np.flatnonzero(weight > _UNLIKELY) if has_kinks else np.empty(0, dtype=np.intp)
-        weight /= weight.sum()
-        off = np.abs(places - values[effect.grid_parameter_index])
-        text, std = '', float(np.sqrt(weight @ off**2))
-        if effect.is_stepwise:
-            text, std = _when(fit, problem, effect, places, weight)
-        every = [list(candidates) for _ in range(len(likely) + 1)]
-        for one, k in zip(every, (*likely.tolist(), int(np.argmin(off))), strict=True):
-            one[number] = one[number]._replace(trial=trials[k])
-        *with_each, here = (start_from(problem, one).as_array() for one in every)
-        change = np.array([one - here for one in with_each])
-        found.append(Moment(effect, text, std, change, weight[likely] / weight[likely].sum()))
-    return tuple(found)
-
-
-def _when(fit: Calibration, problem: Problem, effect: Effect, places: Floats, weight: Floats) -> tuple[str, float]:
-    """Between which touches an effect begins or ends, and the standard deviation of that moment."""
-    touches, known = fit.touches, problem.touch_state.metadata.order
-    order = np.sort(touches.order[fit.used])
-    acts = order if known is None else np.sort(known[effect.acts_on(problem.touch_state)])
-    best = np.argsort(-weight)
-    likely = places[best[: int(np.searchsorted(np.cumsum(weight[best]), 0.95)) + 1]]
-    low = float(acts[acts < likely.min()].max(initial=order[0]))
-    high = float(acts[acts > likely.max()].min(initial=order[-1]))
-    two = [int(np.flatnonzero(touches.order == one)[0]) for one in (low, high)]
-    first, second = touches.recording[two].tolist()
-    where = ['numbered in the order of time'] if np.any(touches.index[two] != touches.order[two]) else []
-    where += [f'that is between the recordings {first + 1} and {second + 1}'] if first != second else []
-    mean = float(weight @ places)
-    after = np.clip(np.searchsorted(acts, places), 1, len(acts) - 1)
-    between = (acts[after] - acts[after - 1]) ** 2 / 12  # a moment may lie anywhere between its two touches
-    text = ', '.join([f'{effect.title} between the touches {low:.0f} and {high:.0f}', *where])
-    return text, float(np.sqrt(weight @ ((places - mean) ** 2 + between)))
+    odds = np.log(NUMBER[1] / NUMBER[0] / max(count, 1)) - 0.5 * np.log(len(found.base.touches))
+    return found._replace(angles=friction.label, angles_odds=float(odds) if is_significant else -np.inf)

@@ -495,7 +495,8 @@ def at_joint(angle: Floats, joint: int) -> Floats:
 
 def one_of(shifts: Shift, k: int) -> Shift:
     """One of several shifts at once, δ and d (t, n, 2) each."""
-    return Shift(*(None if part is None else part[k] for part in shifts))
+    joints, place = shifts
+    return Shift(None if joints is None else joints[k], None if place is None else place[k])
 
 
 def moved(at: TouchState, *places: Floats) -> tuple[Shift, ...]:

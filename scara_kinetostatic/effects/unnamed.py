@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import accumulate, groupby, repeat
 from typing import NamedTuple
 
@@ -156,7 +156,7 @@ class Unnamed(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         shifts = self._of(at, np.array(self.functions(at)))
-        return tuple(one_of(shifts, k) for k in range(len(self.parameters)))
+        return tuple(map(partial(one_of, shifts), range(len(self.parameters))))
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return self._of(at, values @ np.array(self.functions(at)))

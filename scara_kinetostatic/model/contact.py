@@ -527,9 +527,11 @@ def all_derivatives(model: ExtendedModel, problem: ContactProblem, state: State,
         return base
     for name, shift in model.shift_by_robot(at).items():
         base[:, :, NAMES.index(name)] += shift_column(shift, equations)
-    shifts = (shift for effect, values in model.pairs for shift in effect.derivative(at, values))
-    columns = [shift_column(shift, equations).T[None] for shift in shifts]
-    return np.concatenate([base.transpose(2, 1, 0), *columns]).transpose(2, 1, 0)
+    columns = list(base.transpose(2, 1, 0))
+    for effect, values in model.pairs:
+        for shift in effect.derivative(at, values):
+            columns.append(shift_column(shift, equations).T)
+    return np.array(columns).transpose(2, 1, 0)
 
 
 def off_normal_derivative(model: ExtendedModel, equations: Equations) -> Floats:
