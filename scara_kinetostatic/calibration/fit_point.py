@@ -180,7 +180,8 @@ def select(point: Point, which: Mask | Indices | slice) -> Point:
 
 
 def project(observations: Observations, model: ExtendedModel, noise: Noise, near: Point | None = None) -> Point:
-    """Adjust the observations alone, L̄ held: the nearest point of the model to each touch.
+    """Adjust the observations alone, L̄ held: the nearest point of the model to each touch. A round leaves some 1e-4 of
+    the change of the one before.
 
     Args:
         observations: any touches, good or bad.
@@ -189,41 +190,32 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
         near: the same touches adjusted to a model close to this one, to begin at; None to begin without.
     """
     with np.errstate(all='ignore'):
-        radial = as_radial(observations, model, first_guess(observations, model).state)
-        if near is not None and len(near.errors) > len(observations.errors):
-            near = None  # its errors are no longer there
-        point = None if near is None else _in_rounds(observations, model, near, noise)
-        if point is None or not np.isfinite(point.distance).all():
-            return _in_rounds(observations, model, evaluate(observations, model, radial, noise), noise)
+        radial, point = as_radial(observations, model, first_guess(observations, model).state), near
+        if point is None or len(point.errors) > len(observations.errors):  # its errors are no longer there
+            near, point = None, evaluate(observations, model, radial, noise)
+        values = dict(zip(model.names, model.as_array().tolist(), strict=True))
+        names = zip(point.model.names, point.model.as_array().tolist(), strict=True)
+        errors = observations.errors[: len(point.errors)] - point.errors
+        step = np.concatenate([[values.get(name, value) - value for name, value in names], errors])
+        for _ in range(_ROUNDS):
+            before, expected = point, last_step(point, step).distance
+            adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, step)
+            point = evaluate(observations, model, adjusted, noise, arm=arm)
+            moving = np.flatnonzero(~(np.abs(point.distance - expected) <= 1e-3 * (1 + point.distance)))
+            if not len(moving):
+                break
+            step = np.zeros(point.whitened.derivative.shape[2] + len(point.errors))
+        else:  # near a kink of the model one may alternate
+            point = _nearer(point, select(before, moving), moving)
+        if near is None:
+            return point
+        if not np.isfinite(point.distance).all():
+            return project(observations, model, noise)
         here, there = point.adjusted.state, radial.state
         other = np.flatnonzero((here.mode1 != there.mode1) | (here.mode2 != there.mode2))
         if not len(other):
             return point
-        some = observations.select(other)  # there may be one place on each flank
-        begun = evaluate(some, model, pick(radial, other), noise)
-        return _nearer(point, _in_rounds(some, model, begun, noise), other)
-
-
-def _in_rounds(observations: Observations, model: ExtendedModel, point: Point, noise: Noise) -> Point:
-    """Touches adjusted to a model in some rounds, L̄ held, from a point of it or of one close by.
-
-    A round leaves some 1e-4 of the change of the one before. Near a kink of the model a touch may alternate between two
-    places: the nearer one is taken.
-    """
-    values = dict(zip(model.names, model.as_array().tolist(), strict=True))
-    names = zip(point.model.names, point.model.as_array().tolist(), strict=True)
-    errors = observations.errors[: len(point.errors)] - point.errors
-    step = np.concatenate([[values.get(name, value) - value for name, value in names], errors])
-    for _ in range(_ROUNDS):
-        before, expected = point, last_step(point, step).distance
-        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, step)
-        point = evaluate(observations, model, adjusted, noise, arm=arm)
-        moving = ~(np.abs(point.distance - expected) <= 1e-3 * (1 + point.distance))
-        if not moving.any():
-            return point
-        step = np.zeros(point.whitened.derivative.shape[2] + len(point.errors))
-    at = np.flatnonzero(moving)
-    return _nearer(point, select(before, at), at)
+        return _nearer(point, project(observations.select(other), model, noise), other)  # one place on each flank
 
 
 def _nearer(point: Point, other: Point, at: Indices) -> Point:

@@ -40,7 +40,6 @@ from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.lack_of_fit import FORCE, JOINT, OFF_NORMAL, find_dependences, growing_p_value
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -119,15 +118,6 @@ def _depends_on_something(c: Calibration) -> bool:
     """Whether the residual of a fit, weighted by its noise, shows a model error."""
     dependences = find_dependences(c)
     return bool(dependences) and dependences[0].p_value * len(dependences) < STRICT_SIGNIFICANCE
-
-
-def fit_with_off_normal(c: Calibration) -> Calibration | None:
-    """The touches of a calibration fitted with a random off-normal angle of each force, σ_α estimated; None where they
-    have no such fit. Effects that the calibration has stay.
-    """
-    others = (effect for effect in c.model.effects if not effect.off_normal_std)
-    model, used = c.model.with_effects((OffNormalForce(), *others)), np.ones(len(c.touches), dtype=bool)
-    return fit_again(c.changed(model=model, used=used))
 
 
 def fit_again(c: Calibration, *, noise: Noise | None = None, cell: Cell | None = None) -> Calibration | None:

@@ -30,12 +30,13 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     STRICT_SIGNIFICANCE,
     fitted_effects,
 )
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, MixedModel, fit_mixed
-from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
+from scara_kinetostatic.diagnosis.noise_structure import fit_again
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
 from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, is_placed, weigh
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G2, P_EE
@@ -50,6 +51,7 @@ _MOST_NAMED = 5
 """Effects of several likely sets that are fitted together at most."""
 _BELOW_ZERO = 4.0
 """Standard deviations below zero at which a compliance or backlash is of no robot."""
+_NO_FIT = np.linalg.LinAlgError, UnsupportedDataError, ParameterError
 
 
 class Search(NamedTuple):
@@ -175,7 +177,7 @@ def identify(c: Calibration, known: Sequence[Effect], weighed: Weighed) -> Searc
     visited, settled = list[Weighed](), list[Weighed]()
     for _ in range(6):  # most searches end after one or two rounds
         members = weighed.likeliest(excluded)
-        wanted = frozenset(_name(member) for member in members)
+        wanted = _names(members)
         if wanted == names or not members:
             settled.append(weighed)
             if UNNAMED in excluded or all(member.effect.is_physical for member in members):
@@ -185,48 +187,55 @@ def identify(c: Calibration, known: Sequence[Effect], weighed: Weighed) -> Searc
         if wanted in tried:  # each of several sets is the likeliest at the fit with another
             break
         tried.add(wanted)
-        start = start_from(weighed.problem, members)
-        fitted = _fit(c, known, start)
-        if fitted is None and len(members) > 1:  # far from the truth a set may be likely that has no fit
-            members = weighed.likeliest_of(members)
-            wanted, start = frozenset(_name(member) for member in members), start_from(weighed.problem, members)
-            fitted = None if wanted == names else _fit(c, known, start)
-        if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
-            good = find_good(c.changed(model=start).projection.distance)
-            fitted = _fit(c.changed(used=good), known, start) if (good != c.used).any() else None
-        if fitted is None:
-            has_curve = not all(member.effect.is_physical for member in members)
-            excluded |= {UNNAMED} if has_curve else {member.effect.label for member in members}
+        for base, some in _ways(c, weighed, members, names):
+            with suppress(*_NO_FIT):
+                model = fit_mixed(base, known, start_from(weighed.problem, some))
+                if _predicts(model.fit, base):
+                    break
+        else:
+            has_curve = not all(member.effect.is_physical for member in some)
+            excluded |= {UNNAMED} if has_curve else {member.effect.label for member in some}
             continue
-        wrong = {effect.label for effect, values in fitted_effects(fitted.fit) if not effect.is_plausible(values)}
+        wrong = {effect.label for effect, values in fitted_effects(model.fit) if not effect.is_plausible(values)}
         excluded |= wrong
         if not wrong:
-            weighed, names = weigh(fitted, known), wanted
+            weighed, names = weigh(model, known), _names(some)
             visited.append(weighed)
     return Search(min(settled or visited or [weighed], key=lambda one: one.deviance), c)
 
 
-def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel) -> MixedModel | None:
-    """The mixed model with effects named; None where there is none, or where it does not predict the forces: the joint
-    angles of a steep curve have no contact or another one, and so has a wrong arm. A curve must predict touches that it
-    was not fitted to as well as the base model does.
+def _ways(
+    c: Calibration, weighed: Weighed, members: list[Candidate], names: frozenset[tuple[str, float]]
+) -> Iterator[tuple[Calibration, list[Candidate]]]:
+    """Touches and effects to fit, until there is a fit: a set; the likeliest of it, as far from the truth a set may be
+    likely that has no fit; without outliers, with which it may have gone off.
     """
-    try:
-        model = fit_mixed(c, known, start)
-    except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
-        return None
-    fit = model.fit
-    if fit.force_error > c.force_error + c.noise.force_rms:
-        return None
+    yield c, members
+    if len(members) > 1:
+        members = weighed.likeliest_of(members)
+        if _names(members) != names:
+            yield c, members
+    if not c.model.effects:
+        good = find_good(c.changed(model=start_from(weighed.problem, members)).projection.distance)
+        if (good != c.used).any():
+            yield c.changed(used=good), members
+
+
+def _predicts(fit: Calibration, base: Calibration) -> bool:
+    """Whether a fit with effects predicts the forces as the base model does: the joint angles of a steep curve have no
+    contact or another one, and so has a wrong arm. A curve must predict touches that it was not fitted to.
+    """
+    if fit.force_error > base.force_error + base.noise.force_rms:
+        return False
     if all(effect.is_physical for effect, _ in fitted_effects(fit)):
-        return model
-    before = c.changed(used=fit.used)
-    return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
+        return True
+    before = held_out_force_error(base.changed(used=fit.used)).force_error
+    return held_out_force_error(fit).force_error <= before
 
 
-def _name(member: Candidate) -> tuple[str, float]:
-    """An effect and, where it begins or ends in a step, when."""
-    return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
+def _names(members: Sequence[Candidate]) -> frozenset[tuple[str, float]]:
+    """Effects and, where they begin or end in a step, when."""
+    return frozenset((item.effect.label, item.trial.place if item.effect.is_stepwise else 0.0) for item in members)
 
 
 def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
@@ -249,7 +258,10 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
-    turned = fit_with_off_normal(c) if off_normal and not _is_radial(best) else None
+    turned = None
+    if off_normal and not _is_radial(best):
+        model = c.model.with_effects((OffNormalForce(), *c.model.effects))
+        turned = fit_again(c.changed(model=model, used=np.ones(len(c.touches), dtype=bool)))
     if turned is not None:
         some = _beside_angles(known, turned)
         with_angles = _of_angles(identify(turned, some, _plain(turned, some)), len(known))
@@ -296,7 +308,12 @@ def _starts(
 
 def _likeliest(found: Sequence[Search]) -> Search:
     """That of the least deviance, whose robot has no compliance or backlash below zero where one has none."""
-    return min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
+    best = min(found, key=lambda item: item.deviance)
+    for item in sorted(found, key=lambda item: item.deviance):
+        values, std = item.fit.parameters.as_array()[P_EE : G2 + 1], item.fit.std[P_EE : G2 + 1]
+        if not (values < -_BELOW_ZERO * std).any():
+            return item
+    return best
 
 
 def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Search:
@@ -317,16 +334,11 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
             item = found.weighed.single(label)
             pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
     effects, values = zip(*(pairs[label] for label in labels), strict=True) if labels else ((), ())
-    fitted = _fit(base, known, ExtendedModel(model.parameters, effects, values))
-    if fitted is None:
-        return found
-    return found._replace(weighed=weigh(fitted, known))
-
-
-def _is_robot(fit: Calibration) -> bool:
-    """Whether no compliance or backlash is below zero beyond its uncertainty."""
-    values, std = fit.parameters.as_array()[P_EE : G2 + 1], fit.std[P_EE : G2 + 1]
-    return not (values < -_BELOW_ZERO * std).any()
+    with suppress(*_NO_FIT):
+        named = fit_mixed(base, known, ExtendedModel(model.parameters, effects, values))
+        if _predicts(named.fit, base):
+            return found._replace(weighed=weigh(named, known))
+    return found
 
 
 def _is_radial(found: Search) -> bool:

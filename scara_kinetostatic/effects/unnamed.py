@@ -285,5 +285,9 @@ class Undetected(LinearEffect):
 
 def derivatives(columns: Sequence[Column], at: TouchState) -> tuple[Shift, ...]:
     """The shift per unit of each column, each effect evaluated once at the same values."""
-    known = {c[:2]: c.effect.derivative(at, np.array(c.values)) for c in columns}
-    return tuple(known[c[:2]][c.parameter] for c in columns)
+    known, found = dict[tuple[Effect, tuple[float, ...]], tuple[Shift, ...]](), list[Shift]()
+    for column in columns:
+        if column[:2] not in known:
+            known[column[:2]] = column.effect.derivative(at, np.array(column.values))
+        found.append(known[column[:2]][column.parameter])
+    return tuple(found)

@@ -396,5 +396,7 @@ def _plain(posture: Indices) -> TouchMetadata:
 
 def _in_chunks(some: Callable[[slice], tuple[Any, ...]], n: int) -> Iterator[Any]:
     """The arrays that `some` works out for n poses, chunk after chunk."""
-    parts = [some(slice(first, first + CHUNK)) for first in range(0, max(n, 1), CHUNK)]
+    parts = list[tuple[Any, ...]]()
+    for first in range(0, max(n, 1), CHUNK):
+        parts.append(some(slice(first, first + CHUNK)))
     return (np.concatenate(column) for column in zip(*parts, strict=True))

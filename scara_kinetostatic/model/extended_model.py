@@ -241,8 +241,11 @@ def as_model(model: ExtendedModel | Parameters) -> ExtendedModel:
 
 def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """F + e(F) for true forces (n, 2) in the sensor's frame, N; `metadata` is that of the touches."""
-    parts = (effect.sensor_error(force, values, metadata) for effect, values in model.pairs)
-    return sum((part for part in parts if part is not None), force)
+    reported = force
+    for effect, values in model.pairs:
+        error = effect.sensor_error(force, values, metadata)
+        reported = reported if error is None else reported + error
+    return reported
 
 
 def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata | None = None) -> Floats:
@@ -306,10 +309,9 @@ def _true_by_reported(model: ExtendedModel, force: Floats, metadata: TouchMetada
     """∂F/∂(reported F) at true forces (n, 2), (n, 2, 2): the inverse of what central differences give."""
     # step of the central difference over a force, as a part of it (of 1 N at least)
     step = 1e-5 * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
-    columns = [
-        (reported_force(model, force + step * unit, metadata) - reported_force(model, force - step * unit, metadata))
-        / (2 * step)
-        for unit in np.eye(2)
-    ]
-    (a, c), (b, d) = (column.T for column in columns)
+    columns = list[Floats]()
+    for unit in np.eye(2):
+        up, down = (reported_force(model, force + change * unit, metadata) for change in (step, -step))
+        columns.append(((up - down) / (2 * step)).T)
+    (a, c), (b, d) = columns
     return (np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)
