@@ -94,7 +94,7 @@ class DeclaredErrors:
         pairs = ((s.label, ('.x', '.y') if s.components > 1 else ('',)) for s in self.sources)
         return tuple(label + ending for label, endings in pairs for ending in endings)
 
-    @property
+    @cached_property
     def units(self) -> Floats:
         """The standard uncertainty of each error, (m,), in its unit."""
         return np.repeat([s.std for s in self.sources], [s.components for s in self.sources])
@@ -157,8 +157,8 @@ class DeclaredErrors:
 
     def sensor(self, errors: Floats) -> tuple[float, float]:
         """Errors of the force sensor's gain, relative, and rotation, rad."""
-        gain, angle = (self._changes(label).real @ errors for label in ('force_gain', 'force_rotation'))
-        return float(gain), float(angle)
+        gain, angle = self._changes('force_gain'), self._changes('force_rotation')
+        return float(gain.real @ errors), float(angle.real @ errors)
 
     def true_force(self, reported: Floats, errors: Floats) -> Floats:
         """Reported forces (n, 2) in N without the errors of gain and rotation."""
@@ -273,7 +273,17 @@ class Prior(NamedTuple):
         return np.concatenate([(values[self.trusted] - self.mean) * self._weights, errors])
 
 
-NOTHING_KNOWN = Prior((), np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0), 0)
+_NOTHING_KNOWN = Prior((), np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0), 0)
+
+
+def known_beforehand(
+    declared: DeclaredErrors | None, random: RandomEffects | None, known: Prior | None
+) -> Prior | None:
+    """All that is known beforehand of errors, random effects and the values of effects; None for nothing."""
+    prior = None if declared is None else declared.prior
+    if random is None and known is None:
+        return prior
+    return (prior or _NOTHING_KNOWN).with_more(known or _NOTHING_KNOWN, () if random is None else random.sources)
 
 
 UNDETECTED = 'undetected'

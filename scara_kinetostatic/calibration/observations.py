@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior, RandomEffects
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior, RandomEffects, known_beforehand
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
@@ -57,11 +57,7 @@ class Observations(NamedTuple):
     @property
     def prior(self) -> Prior | None:
         """All that is known beforehand; None for nothing."""
-        declared = None if self.declared is None else self.declared.prior
-        if self.random is None and self.known is None:
-            return declared
-        more = () if self.random is None else self.random.sources
-        return (declared or NOTHING_KNOWN).with_more(self.known or NOTHING_KNOWN, more)
+        return known_beforehand(self.declared, self.random, self.known)
 
     def with_errors(self, errors: Floats) -> Observations:
         """The same touches in a cell with these declared errors, and these values of random effects, (m + k,)."""
@@ -127,6 +123,7 @@ def observe(
     errors: Floats | None = None,
     random: RandomEffects | None = None,
     known: Prior | None = None,
+    declared: DeclaredErrors | None = None,
 ) -> Observations:
     """The touches as the adjustment takes them.
 
@@ -137,13 +134,14 @@ def observe(
             none.
         random: the random effects at the touches; None for none.
         known: what is known beforehand of the values of effects; None for nothing.
+        declared: those of the cell, where they are at hand.
 
     Raises:
         ParameterError: a touch names a disc that the cell does not have.
     """
     if len(touches) and not (touches.disc.min() >= 0 and touches.disc.max() < len(cell.discs)):
         raise ParameterError('touches: disc', f'expected 0 to {len(cell.discs) - 1}, the discs of the cell')
-    declared, surfaces = DeclaredErrors.of(cell), cell.surfaces
+    declared, surfaces = declared or DeclaredErrors.of(cell), cell.surfaces
     surface = _touched_surfaces(cell, touches) if cell.has_outlines else touches.disc
     count = (0 if declared is None else declared.count) + (0 if random is None else len(random.columns))
     stated = Observations(

@@ -19,6 +19,7 @@ from scara_kinetostatic.calibration.declared_errors import (
     DeclaredErrors,
     Prior,
     RandomEffects,
+    known_beforehand,
 )
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import Point, base_force, force_error, force_residual, project
@@ -85,7 +86,7 @@ _OF_TOUCHES = frozenset({'cell', 'touches', 'model', 'noise', 'errors', 'random'
 _OF_COVARIANCE = frozenset(
     {'cell', 'model', 'random', 'known', 'covariance_with_errors', 'chi_square', 'degrees_of_freedom'}
 )
-_FOLLOWS_FROM = {'projection': _OF_TOUCHES, '_by_fit': _OF_COVARIANCE}
+_FOLLOWS_FROM = {'projection': _OF_TOUCHES, '_by_fit': _OF_COVARIANCE, 'declared': frozenset({'cell'})}
 """The fields on which what takes long to work out depends."""
 
 
@@ -209,7 +210,8 @@ class Calibration:
         With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true
         errors e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest.
         """
-        (kept, scale), parts, prior = of_full_model(self), list[Contribution](), self.observe().prior
+        prior = known_beforehand(self.declared, self.random, self.known)
+        (kept, scale), parts = of_full_model(self), list[Contribution]()
         if prior is not None:
             moved = scale[:, None] * (self.covariance_with_errors[kept] @ prior.rows(len(self.model.names)).T)
             for source, where in prior.by_source():
@@ -283,13 +285,18 @@ class Calibration:
         own = self.random.of_robot
         return extended.with_array([*self.model.as_array(), *(self.random.size * self.random_values)[:own]])
 
+    @cached_property
+    def declared(self) -> DeclaredErrors | None:
+        """The declared errors of the cell; None where everything counts as exactly known."""
+        return DeclaredErrors.of(self.cell)
+
     def observe(self, which: Any = EVERY) -> Observations:
         """Some of the touches, by a mask or positions, as the fit took them."""
         errors = self.errors if self.random is None else np.concatenate([self.errors, self.random_values])
         if which is EVERY:
-            return observe(self.touches, self.cell, errors, self.random, self.known)
+            return observe(self.touches, self.cell, errors, self.random, self.known, self.declared)
         random = None if self.random is None else self.random.select(which)
-        return observe(self.touches.select(which), self.cell, errors, random, self.known)
+        return observe(self.touches.select(which), self.cell, errors, random, self.known, self.declared)
 
     @property
     def status(self) -> dict[str, str]:
@@ -369,8 +376,7 @@ class Calibration:
         touches, magnitude = self.touches.select(self.used), np.hypot(*self.force[self.used].T)
         postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
         used = UsedRange(float(magnitude.min()), float(magnitude.max()), float(np.ptp(touches.time)), postures)
-        declared = DeclaredErrors.of(self.cell)
-        sensor = SensorErrors() if declared is None else SensorErrors(*declared.sensor(self.errors))
+        sensor = SensorErrors() if self.declared is None else SensorErrors(*self.declared.sensor(self.errors))
         covariance = np.array(self.covariance)
         return CalibratedArm(self.cell, self.full_model, covariance, self.undetermined, self.noise, sensor, used)
 

@@ -25,7 +25,7 @@ covariance is the inverse of its normal matrix, and the model is linearised ther
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -166,18 +166,38 @@ def fit_mixed(
     values = (*own.effect_values, *named.effect_values)
     model = ExtendedModel(named.parameters, (*own.effects, *named.effects), values)
     steps = list[_Step]()
-    with np.errstate(all='ignore'):
-        with suppress(np.linalg.LinAlgError, ParameterError):
-            for step in _linearisations(c, known, model, keeps_touches, freedoms, begin, expected):
-                steps.append(step)
-            first, last = steps[0], steps[-1]
-            if last.is_valid and last.shift < 1.0:
-                is_plain = begin is None and not named.effects
-                likelier = is_plain and first.is_valid and first.deviance < last.deviance - _CLEARLY
-                return _result(last, c)._replace(first=_result(first, c) if likelier else None)
+    with np.errstate(all='ignore'), suppress(np.linalg.LinAlgError, ParameterError):
+        latest, sizes, logs = _begin(c, known, model, freedoms, begin)
+        lost = max(10.0 * float(latest.projection.distance[latest.used].mean()), _LOST)
+        for number in range(_MOST_STEPS):
+            # model error may have been taken for noise: of two explanations that with the usual noise is tried first
+            noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
+            levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
+            if number and not latest.projection.distance[latest.used].mean() < lost:
+                raise np.linalg.LinAlgError('the linearisations lead away from the touches')
+            solved = _solve(latest, c, sizes, logs, levels, expected)
+            logs, shift = solved.logs, _shift(latest, solved)
+            for part in (1.0, 0.5, 0.25, 0.125):  # a part of the way where the model is not defined at its end
+                moved = _moved(latest, solved, c.noise, part)
+                if np.isfinite(moved.projection.distance[latest.used]).all():
+                    break
+            steps.append(_Step(moved, solved, part == 1.0, shift))
+            pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
+            settled = shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
+            good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
+            if settled and (good == moved.used).all():
+                break
+            latest = moved.changed(used=good)
+            if number == 0 and shift > 1.0 and latest.random is not None:  # the columns are those of where it began
+                latest = latest.changed(random=_with_random_effects(latest, latest.model, known)[0].random)
+        first, last = steps[0], steps[-1]
+        if last.is_valid and last.shift < 1.0:
+            is_plain = begin is None and not named.effects
+            likelier = is_plain and first.is_valid and first.deviance < last.deviance - _CLEARLY
+            return _result(last, c)._replace(first=_result(first, c) if likelier else None)
+    with np.errstate(all='ignore'), suppress(np.linalg.LinAlgError):
         if steps and steps[0].is_valid:  # where it does not settle
-            with suppress(np.linalg.LinAlgError):
-                return _result(steps[0], c)
+            return _result(steps[0], c)
     raise UnsupportedDataError('the fit diverges', 'check the places of the discs, and units, signs and frames')
 
 
@@ -214,48 +234,20 @@ class _Step(NamedTuple):
         return self.solved.deviance + self.rejected
 
 
-def _linearisations(
-    c: Calibration,
-    known: Sequence[Effect],
-    model: ExtendedModel,
-    keeps_touches: bool,
-    freedoms: float,
-    begin: MixedModel | None,
-    expected: bool,
-) -> Iterator[_Step]:
-    """The mixed model, linearised anew until it settles."""
+def _begin(
+    c: Calibration, known: Sequence[Effect], model: ExtendedModel, freedoms: float, begin: MixedModel | None
+) -> tuple[Calibration, _Sizes, Floats]:
+    """The calibration at which the first linearisation is made, the columns with a prior, and log τ to begin with."""
     latest, is_free = _with_random_effects(c, model, known)
     sizes = _sizes_of(latest, len(c.model.effects), is_free, freedoms)
-    logs, first = _first_logs(latest, sizes), 0.0
+    logs = _first_logs(latest, sizes)
     if begin is not None and begin.fit.random is not None:
         size, own = begin.fit.random.size / _random_sizes(latest), _of_random(latest, sizes.group)
         # far from these the likelihood has other maxima: the columns are those of the first linearisation
         logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), begin.solved.logs[-1]
         values = size * begin.fit.random_values
         latest = latest.changed(errors=begin.fit.errors, random_values=values, noise=begin.fit.noise)
-    for number in range(_MOST_STEPS):
-        # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
-        noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
-        levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
-        off = float(latest.projection.distance[latest.used].mean())
-        first = off if number == 0 else first
-        if not off < max(10.0 * first, _LOST):
-            raise np.linalg.LinAlgError('the linearisations lead away from the touches')
-        solved = _solve(latest, c, sizes, logs, levels, expected)
-        logs, shift = solved.logs, _shift(latest, solved)
-        for part in (1.0, 0.5, 0.25, 0.125):  # a part of the way where the model is not defined at its end
-            moved = _moved(latest, solved, c.noise, part)
-            if np.isfinite(moved.projection.distance[latest.used]).all():
-                break
-        yield _Step(moved, solved, part == 1.0, shift)
-        pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
-        settled = shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
-        good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
-        if settled and (good == moved.used).all():
-            return
-        latest = moved.changed(used=good)
-        if number == 0 and shift > 1.0 and latest.random is not None:  # the columns are those of where the fit began
-            latest = latest.changed(random=_with_random_effects(latest, latest.model, known)[0].random)
+    return latest, sizes, logs
 
 
 def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[Effect]) -> tuple[Calibration, Mask]:
@@ -266,7 +258,7 @@ def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[E
     problem = c.observe().contact_problem(point.adjusted.joints, point.adjusted.off_normal)
     at = problem.touch_state(c.parameters, point.adjusted.state)
     force = true_force(c.model, point.adjusted.force, at.metadata)
-    sources = c.observe().declared
+    sources = c.declared
     labels = set() if sources is None else {source.label for source in sources.sources}
     named = {e.label for e in model.effects if e.parameters}
     without_size = {e.label.partition('[')[0] for e in model.effects if not e.parameters}  # random angles
@@ -536,7 +528,7 @@ def _result(step: _Step, base: Calibration) -> MixedModel:
             (c.errors**2).sum() + (trusted_rows(c, base.subspace.basis[: c.model.base_count])[1] ** 2).sum()
         ),
         standardized=np.sqrt(distance),
-        rejected=_rejections(c, base, distance),
+        rejected=_rejections(c, base, distance, c.residual if not c.used.all() else np.zeros((len(c.used), 2))),
         start=ExtendedModel(
             base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
         ),
@@ -559,7 +551,7 @@ def with_assumed_places(c: Calibration) -> Calibration:
 
 def averaged(c: Calibration, alternatives: Sequence[Alternative], undetected: Floats) -> Calibration:
     """A fit at the mean of the sets of effects that may be gross, by their probabilities, with their scatter in its
-    covariance (law of total variance).
+    covariance (law of total variance). Where the model is not defined at the mean the fit stays where it is.
 
     Args:
         c: the fit.
@@ -569,7 +561,19 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative], undetected: Fl
     if not alternatives:
         return c
     weight = np.array([item.probability for item in alternatives])
-    c, mean = _moved_by(c, weight @ np.array([item.change for item in alternatives]))
+    mean = weight @ np.array([item.change for item in alternatives])
+    of_model, errors, random = np.split(mean, np.cumsum([len(c.model.names), len(c.errors)]))
+    moved = c.changed(
+        model=c.model.with_array(c.model.as_array() + of_model),
+        errors=c.errors + errors,
+        random_values=c.random_values + random,
+    )
+    # the sum of squares stays that of the fit: what a mean does not explain is no noise that enlarges a covariance
+    if np.isfinite(moved.projection.distance[c.used]).all():
+        distance = studentised(moved.projection.whitened, c.covariance_with_errors / c.enlargement, c.used)
+        c = moved.changed(standardized=np.sqrt(distance))
+    else:
+        mean = np.zeros(len(mean))
     alternatives = tuple(
         item._replace(change=item.change - mean, covariance=c.enlargement * item.covariance) for item in alternatives
     )
@@ -585,27 +589,6 @@ def averaged(c: Calibration, alternatives: Sequence[Alternative], undetected: Fl
     c = c.changed(alternatives=alternatives if len(alternatives) > 1 else ())
     c = _with_contribution(c, LARGE_EFFECT, undetected)
     return _with_contribution(c, RIVALS, more) if c.alternatives else c
-
-
-def _moved_by(c: Calibration, change: Floats) -> tuple[Calibration, Floats]:
-    """A calibration at other values, and by what it moved: not at all where the model is not defined there. The sum of
-    squares stays that of the fit: what a mean of several sets does not explain is no noise that enlarges a covariance.
-
-    Args:
-        c: the calibration.
-        change: of all values of the model, declared errors and random effects, (12 + k + m + r,).
-    """
-    of_model, errors, random = np.split(change, np.cumsum([len(c.model.names), len(c.errors)]))
-    moved = c.changed(
-        model=c.model.with_array(c.model.as_array() + of_model),
-        errors=c.errors + errors,
-        random_values=c.random_values + random,
-    )
-    point = moved.projection
-    if not np.isfinite(point.distance[c.used]).all():
-        return c, np.zeros(len(change))
-    distance = studentised(point.whitened, c.covariance_with_errors / c.enlargement, c.used)
-    return moved.changed(standardized=np.sqrt(distance)), change
 
 
 def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:
@@ -661,10 +644,9 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
     return Prior(sources, places, mean[places], std, 0)
 
 
-def _rejections(c: Calibration, base: Calibration, distance: Floats) -> tuple[Rejection, ...]:
+def _rejections(c: Calibration, base: Calibration, distance: Floats, residual: Floats) -> tuple[Rejection, ...]:
     """The outliers of the model, and the touches that the base model left out."""
     places = set(c.touches.index.tolist())
     left_out = [item for item in base.rejected if item.index not in places]
-    off = c.residual[~c.used] if not c.used.all() else np.zeros((0, 2))
-    outliers = outlier_rejections(c.touches.index[~c.used], off, distance[~c.used])
+    outliers = outlier_rejections(c.touches.index[~c.used], residual[~c.used], distance[~c.used])
     return tuple(sorted((*left_out, *outliers), key=lambda item: item.index))

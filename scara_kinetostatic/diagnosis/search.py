@@ -246,7 +246,7 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
         c: the base model.
         known: the catalogue.
     """
-    plain, off_normal = _plain(c, known), off_normal_p_value(c) < FRICTION_SIGNIFICANCE
+    off_normal, plain = off_normal_p_value(c) < FRICTION_SIGNIFICANCE, _plain(c, known)
     is_none = plain.odds.none >= 0.5 and not plain.likeliest(frozenset()) and plain.model.first is None
     if is_none and c.used.all() and not off_normal and is_explained(plain.model.fit, SIGNIFICANCE):
         return Search(plain, c, (plain,))

@@ -219,7 +219,7 @@ def _gross_columns(
         by_effects: what each value of the model with its amplitudes changes, (2n, 12 + k).
     """
     c, arm = problem.calibration, problem.calibration.cell.uncertainty.effects.arm
-    size, declared = len(c.model.names), c.observe().declared
+    size, declared = len(c.model.names), c.declared
     labels = np.array([] if c.random is None else [column.effect.label for column in c.random.columns])
     fitted = {effect: len(values) for effect, values in fitted_effects(c) if len(values)}
     units = [trial_units(item.effect, item.trial, arm) for item in candidates]
@@ -251,7 +251,7 @@ def _small_columns(
     width = np.concatenate([np.ones(len(c.errors)), model.typical])
     is_declared = np.concatenate([np.ones(len(c.errors), dtype=bool), ~model.is_free])
     parts = [_Columns(by_errors * width, np.pad(np.diag(width), ((size, 0), (0, 0))), is_declared)]
-    fitted, declared = {effect for effect, values in fitted_effects(c) if len(values)}, c.observe().declared
+    fitted, declared = {effect for effect, values in fitted_effects(c) if len(values)}, c.declared
     for effect, at in effects:
         own = _errors_of(effect, declared, np.zeros(0, dtype=np.intp))
         if effect not in fitted or c.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or len(own):

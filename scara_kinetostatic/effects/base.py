@@ -396,7 +396,7 @@ class EffectOfJoint(Effect):
 
     def turned(self, *angles: Floats) -> tuple[Shift, ...]:
         """Shifts by angles of the joint, (n,) each, rad."""
-        return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in angles)
+        return tuple(Shift(joints=turn) for turn in at_joint(np.array(angles), self.joint))
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         return VARIABLES[self.plot_variable].axis(at, self.joint)
@@ -501,7 +501,8 @@ def one_of(shifts: Shift, k: int) -> Shift:
 
 def moved(at: TouchState, *places: Floats) -> tuple[Shift, ...]:
     """Shifts by displacements of the tip or of an object, (n, 2) each, m, as they count along edges."""
-    return tuple(Shift(place=at.across_edges(place)) for place in places)
+    counted = list(map(at.across_edges, places))
+    return tuple(Shift(place=place) for place in counted)
 
 
 def unit_vectors(n: int) -> tuple[Floats, Floats]:

@@ -374,4 +374,5 @@ class OffNormalForce(Effect):
 def _off_normal(at: TouchState, angle: Floats) -> Shift:
     """D = r (R(-α) - I) n of forces off the normal by angles α, (n,), rad."""
     along, across = at.radii * (np.cos(angle) - 1), -at.radii * np.sin(angle)
-    return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
+    x, y = at.normal.T
+    return Shift(place=np.array([along * x - across * y, along * y + across * x]).T)

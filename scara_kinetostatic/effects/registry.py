@@ -113,7 +113,9 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
         ['sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
-    effects = {effect.label: effect for kind in BUILT_IN for effect in kind.instances(cell)}
+    effects = dict[str, Effect]()
+    for kind in BUILT_IN:
+        effects |= {effect.label: effect for effect in kind.instances(cell)}
     for point in _entry_points():
         effects |= _of_entry_point(point, cell, effects)
     for effect in (effect for offered in _registered for effect in _as_factory(offered)(cell)):

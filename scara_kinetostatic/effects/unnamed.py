@@ -282,6 +282,9 @@ class Undetected(LinearEffect):
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return derivatives(self._parsed, at)
 
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+        return derivatives(self._parsed, at)
+
 
 def derivatives(columns: Sequence[Column], at: TouchState) -> tuple[Shift, ...]:
     """The shift per unit of each column, each effect evaluated once at the same values."""

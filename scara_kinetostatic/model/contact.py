@@ -62,7 +62,7 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, pick, put, unit_vectors
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model, sum_of_shifts
 from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
@@ -208,8 +208,8 @@ class Edges(NamedTuple):
         return cls(as_complex(tangents), np.zeros(len(tangents), dtype=complex), np.sign(radii))
 
     def shifted(self, place: Complexes) -> Edges:
-        """The same with a displacement d, (n,), m."""
-        return self._replace(aside=place - across(self.tangent, place))
+        """The same with a further displacement d, (n,), m."""
+        return self._replace(aside=self.aside + place - across(self.tangent, place))
 
 
 def inward(to_center: Floats, edges: Edges | None) -> Floats:
@@ -270,12 +270,14 @@ class ContactProblem(NamedTuple):
         """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c; `arm` as in `touch_state`."""
         if not model.effects:
             return self
-        return self.shifted_by(*model.shift(self.touch_state(model.parameters, state, arm)))
+        return self.shifted_by(*sum_of_shifts(self.touch_state(model.parameters, state, arm), model.pairs))
 
-    def shifted_by(self, joints: Floats, place: Floats) -> ContactProblem:
-        """Q - δ and S_c - d instead of Q and S_c."""
-        edges = None if self.edges is None else self.edges.shifted(as_complex(place))
-        return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None, edges=edges)
+    def shifted_by(self, joints: Floats | None, place: Floats | None) -> ContactProblem:
+        """Q - δ and S_c - d instead of Q and S_c; None for nothing."""
+        q, centers, edges = self.joints, self.centers, self.edges
+        if place is not None:
+            centers, edges = centers - place, None if edges is None else edges.shifted(as_complex(place))
+        return self._replace(joints=q if joints is None else q - joints, centers=centers, off_normal=None, edges=edges)
 
 
 def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: Edges | None = None) -> State:
@@ -465,21 +467,23 @@ _ANGLE_STEP = 1e-5
 """Step of the central difference over an angle, rad."""
 
 
-def _shifts_by_force(model: ExtendedModel, problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
-    """The derivatives of δ and d by f, then by φ, by central differences; nothing where no effect depends on it."""
+def _by_force(
+    model: ExtendedModel, problem: ContactProblem, state: State, arm: Arm
+) -> Iterator[tuple[TouchState, TouchState, Floats, ForceDependence] | None]:
+    """Arguments of `ExtendedModel.difference` for the derivatives of δ and d by f, then by φ; None where no effect
+    depends on it.
+    """
     by_magnitude = 1e-4 * np.maximum(np.abs(state.magnitude), 1.0)  # as a part of the force, of 1 N at least
     for least, part, step, known in (
         (ForceDependence.ALL, 'magnitude', by_magnitude, arm),
         (ForceDependence.DIRECTION, 'direction', np.full(len(by_magnitude), _ANGLE_STEP), None),
     ):
         if model.force_dependence < least:
-            yield Shift()
+            yield None
             continue
-        up, down = (
-            problem.touch_state(model.parameters, state._replace(**{part: getattr(state, part) + change}), known)
-            for change in (step, -step)
-        )
-        yield model.difference(up, down, 2 * step[:, None], least)
+        up, down = (state._replace(**{part: getattr(state, part) + change}) for change in (step, -step))
+        p = model.parameters
+        yield problem.touch_state(p, up, known), problem.touch_state(p, down, known), 2 * step[:, None], least
 
 
 def extended_equations(
@@ -500,9 +504,11 @@ def extended_equations(
         return touch_equations(p, problem, state, arm)
     arm = view_arm(p, state) if arm is None else arm
     at = problem.touch_state(p, state, arm)
-    shifted = problem.shifted_by(*model.shift(at))
+    shifted = problem.shifted_by(*sum_of_shifts(at, model.pairs))
     e = touch_equations(p, shifted, state, arm)
-    shifts = tuple(_shifts_by_force(model, problem, state, arm))
+    shifts = list[Shift]()
+    for states in _by_force(model, problem, state, arm):
+        shifts.append(Shift() if states is None else model.difference(*states))
     turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
     row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
     h_f, h_d = (h + as_complex(shift_column(shift, e)) for h, shift in zip(e.h_by, shifts, strict=True))

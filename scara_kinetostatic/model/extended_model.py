@@ -171,11 +171,6 @@ class ExtendedModel:
         """What of the force the shift of any effect depends on."""
         return max((effect.force_dependence for effect in self.effects), default=ForceDependence.NONE)
 
-    def shift(self, at: TouchState) -> tuple[Floats, Floats]:
-        """δ, rad, and d, m, of all effects together, (n, 2) each."""
-        joints, place = (np.zeros(at.joints.shape) if part is None else part for part in _sum_of_shifts(at, self.pairs))
-        return joints, place
-
     def difference(self, up: TouchState, down: TouchState, step: Floats | float, least: ForceDependence) -> Shift:
         """What δ and d differ by in two states of the same touches, per `step`; None for what no effect adds to.
 
@@ -186,11 +181,11 @@ class ExtendedModel:
             least: effects that depend on less of the force are left out: they are the same in both states.
         """
         depending = [pair for pair in self.pairs if pair[0].force_dependence >= least]
-        return _per_step(_sum_of_shifts(up, depending), _sum_of_shifts(down, depending), step)
+        return _per_step(sum_of_shifts(up, depending), sum_of_shifts(down, depending), step)
 
     def object_shift(self, at: TouchState) -> Floats:
         """The displacements d by effects on the object, (n, 2), m."""
-        place = _sum_of_shifts(at, (pair for pair in self.pairs if pair[0].on_object)).place
+        place = sum_of_shifts(at, (pair for pair in self.pairs if pair[0].on_object)).place
         return np.zeros(at.joints.shape) if place is None else place
 
     def contact_normal(self, at: TouchState) -> Floats:
@@ -200,7 +195,7 @@ class ExtendedModel:
         force unless friction turns the force. One that displaces the whole object leaves its normals as they are.
         """
         turning = [pair for pair in self.pairs if pair[0].on_object and pair[0].force_dependence > ForceDependence.NONE]
-        place = _sum_of_shifts(at, turning).place
+        place = sum_of_shifts(at, turning).place
         inward = at.radii[:, None] * at.normal + (0.0 if place is None else place)
         size = np.linalg.norm(inward, axis=1)
         return np.asarray(inward / (size if at.tangents is None else np.copysign(size, at.radii))[:, None])
@@ -212,12 +207,12 @@ class ExtendedModel:
             value = getattr(at.parameters, name)
             scaled = [pair for pair in self.pairs if name in pair[0].scaled_by]
             changed = (at.parameters.replace(**{name: value + change}) for change in (step, -step))
-            up, down = (_sum_of_shifts(at._replace(parameters=p), scaled) for p in changed)
+            up, down = (sum_of_shifts(at._replace(parameters=p), scaled) for p in changed)
             found[name] = _per_step(up, down, 2 * step)
         return found
 
 
-def _sum_of_shifts(at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]]) -> Shift:
+def sum_of_shifts(at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]]) -> Shift:
     """δ and d of effects with their values, None for what none adds to."""
     joints, place = None, None
     for effect, values in pairs:

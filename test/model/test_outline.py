@@ -152,6 +152,17 @@ def test_derivatives_at_edges_are_those_of_differences():
         np.testing.assert_allclose(difference * np.exp(-1j * state.direction), e.h_by[number - 2], rtol=1e-4, atol=1e-9)
 
 
+def test_displacements_at_edges_add_up():
+    surfaces, joints, _, _ = _touched(SQUARE)
+    edges = Edges.of(surfaces.tangents, surfaces.radii)
+    problem = ContactProblem(joints, surfaces.centers, surfaces.radii, GripperSign.PHYSICAL, edges=edges)
+    first, second = np.random.default_rng(0).normal(0, 1e-4, (2, len(joints), 2))
+    one, two = problem.shifted_by(None, first + second), problem.shifted_by(None, first).shifted_by(None, second)
+    np.testing.assert_allclose(two.edges.aside, one.edges.aside, atol=1e-18)
+    assert np.abs(one.edges.aside).max() > 1e-5
+    np.testing.assert_array_equal(two.shifted_by(1e-3, None).edges.aside, two.edges.aside)
+
+
 @pytest.mark.parametrize(
     ('entry', 'words'),
     [
