@@ -32,8 +32,13 @@ from rosbags import rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from benchmark.common import CELL, parser, peak_memory, save
-from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, TF_MESSAGE, WRENCH_STAMPED
+from scara_kinetostatic.bags.messages import (
+    JOINT_STATE,
+    TF_MESSAGE,
+    WRENCH_STAMPED,
+    joint_state_messages,
+    wrench_messages,
+)
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.monitoring.history import APPLICATION, VERSION
 

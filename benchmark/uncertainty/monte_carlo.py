@@ -11,8 +11,8 @@ import numpy as np
 from benchmark.diagnosis.cells import SETUPS, Setup, seed_of
 from benchmark.uncertainty.worlds import declared_setup
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, WorstPose, tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Item, uncertainty_budget

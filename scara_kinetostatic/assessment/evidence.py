@@ -39,14 +39,18 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
-from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.calibrate import HeldOut, calibrate
 from scara_kinetostatic.calibration.fit_point import project
-from scara_kinetostatic.calibration.held_out import HeldOut
-from scara_kinetostatic.calibration.prior_knowledge import Assumed, assumed_places
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
-from scara_kinetostatic.calibration.uncertainty_budget import Item, title_of, uncertainty_budget
+from scara_kinetostatic.calibration.uncertainty_budget import (
+    Assumed,
+    Item,
+    assumed_places,
+    title_of,
+    uncertainty_budget,
+)
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis

@@ -21,13 +21,12 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.assessment.evidence import NAMED, Decision, Evidence, Group, concentrations, likely, percent
-from scara_kinetostatic.calibration.declared_errors import ASSUMED_PLACES, RIVALS, UNDETECTED, VALUE, DeclaredErrors
-from scara_kinetostatic.calibration.noise_estimation import reading_noise
-from scara_kinetostatic.calibration.prior_knowledge import nominal_uncertainty
+from scara_kinetostatic.calibration.estimate import reading_noise
+from scara_kinetostatic.calibration.observations import ASSUMED_PLACES, RIVALS, UNDETECTED, VALUE, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration, Estimate
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
-from scara_kinetostatic.calibration.uncertainty_budget import Item
+from scara_kinetostatic.calibration.uncertainty_budget import Item, nominal_uncertainty
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise, of_steps
 from scara_kinetostatic.diagnosis.comparison import EffectResidual, effect_residuals
 from scara_kinetostatic.diagnosis.odds import UNNAMED

@@ -24,7 +24,6 @@ from pathlib import Path, PurePosixPath
 
 import zstandard
 
-from scara_kinetostatic.bags.cdr import Decoder, decode_string, decode_transforms
 from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
 from scara_kinetostatic.bags.messages import (
     DISCARD_TOPIC,
@@ -41,9 +40,12 @@ from scara_kinetostatic.bags.messages import (
     Batches,
     Budget,
     BudgetError,
+    Decoder,
     Storage,
     Topic,
     batched,
+    decode_string,
+    decode_transforms,
     reading,
     ros_topic,
     unpack,
@@ -54,7 +56,7 @@ from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.files.yaml_file import parse_strings
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
-from scara_kinetostatic.report.quantities import count
+from scara_kinetostatic.model.parameters import count
 from scara_kinetostatic.touches.clock import on_one_clock
 from scara_kinetostatic.touches.streams import ALTERNATE, JointStream, Streams, WrenchFrame, WrenchStream, alternate
 

@@ -25,7 +25,6 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
 from scara_kinetostatic.bags.messages import (
     DISCARD_TOPIC,
     JOINT_STATE,
@@ -34,6 +33,10 @@ from scara_kinetostatic.bags.messages import (
     TF_MESSAGE,
     TF_STATIC,
     WRENCH_STAMPED,
+    joint_state_messages,
+    ros2_types,
+    string_message,
+    wrench_messages,
 )
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.atomic import KIB, all_or_nothing, fresh_folder, replace_text, writing

@@ -19,10 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, whiten_by
-from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.calibration.observations import Observations, Prior
 from scara_kinetostatic.gaussian.least_squares import Compressed, compress, upper_triangle
 from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Noise

@@ -13,15 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.declared_errors import (
-    ASSUMED_PLACES,
-    LARGE_EFFECT,
-    DeclaredErrors,
-    Prior,
-    RandomEffects,
-    known_beforehand,
-)
-from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit, estimated_levels
 from scara_kinetostatic.calibration.fit_point import Point, base_force, force_error, force_residual, project
 from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
@@ -31,8 +23,17 @@ from scara_kinetostatic.calibration.identifiability import (
     group_names,
     scales_of,
 )
-from scara_kinetostatic.calibration.noise_estimation import estimated_levels
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
+from scara_kinetostatic.calibration.observations import (
+    ASSUMED_PLACES,
+    LARGE_EFFECT,
+    NO_ERRORS,
+    DeclaredErrors,
+    Observations,
+    Prior,
+    RandomEffects,
+    known_beforehand,
+    observe,
+)
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only

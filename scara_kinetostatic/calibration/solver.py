@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, Stage, last_step, moved
-from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.calibration.observations import Observations, Prior
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise

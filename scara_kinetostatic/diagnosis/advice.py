@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.noise_estimation import reading_noise
+from scara_kinetostatic.calibration.estimate import reading_noise
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.candidates import Moment

@@ -15,16 +15,15 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
+from scara_kinetostatic.calibration.estimate import off_normal_uncertainty
 from scara_kinetostatic.calibration.fit_point import select
-from scara_kinetostatic.calibration.noise_estimation import off_normal_uncertainty
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Moment, moments
-from scara_kinetostatic.diagnosis.lack_of_fit import adequacy, find_dependences
+from scara_kinetostatic.diagnosis.lack_of_fit import PENALTY, adequacy, find_dependences, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_assumed_places, with_places
-from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Value
 from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Search, chi_square_p_value, is_explained, likeliest

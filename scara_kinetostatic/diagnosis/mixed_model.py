@@ -31,7 +31,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import (
+from scara_kinetostatic.calibration.estimate import (
+    FALSE_REJECTIONS,
+    USUAL_NOISE,
+    fewest_touches,
+    find_good,
+    raised,
+    studentised,
+)
+from scara_kinetostatic.calibration.fit_point import Point, select
+from scara_kinetostatic.calibration.gauss_helmert import whitened_square
+from scara_kinetostatic.calibration.identifiability import scales_of
+from scara_kinetostatic.calibration.observations import (
     ASSUMED_PLACES,
     LARGE_EFFECT,
     RIVALS,
@@ -40,12 +51,6 @@ from scara_kinetostatic.calibration.declared_errors import (
     RandomEffects,
     Source,
 )
-from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
-from scara_kinetostatic.calibration.fit_point import Point, select
-from scara_kinetostatic.calibration.gauss_helmert import whitened_square
-from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, raised
-from scara_kinetostatic.calibration.prior_knowledge import by_assumed_places
 from scara_kinetostatic.calibration.result import (
     Alternative,
     Calibration,
@@ -55,6 +60,7 @@ from scara_kinetostatic.calibration.result import (
     outlier_rejections,
 )
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
+from scara_kinetostatic.calibration.uncertainty_budget import by_assumed_places
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
 from scara_kinetostatic.diagnosis.odds import NEEDED
 from scara_kinetostatic.effects.base import Effect

@@ -17,13 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.estimate import find_good
-from scara_kinetostatic.calibration.held_out import held_out_force_error
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
+from scara_kinetostatic.calibration.calibrate import held_out_force_error
+from scara_kinetostatic.calibration.estimate import USUAL_NOISE, find_good
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Candidate, start_from
-from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
+from scara_kinetostatic.diagnosis.lack_of_fit import fit_again, growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     FRICTION_SIGNIFICANCE,
     SIGNIFICANCE,
@@ -31,7 +30,6 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     fitted_effects,
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
-from scara_kinetostatic.diagnosis.noise_structure import fit_again
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
 from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, is_placed, weigh

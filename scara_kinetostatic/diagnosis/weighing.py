@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import Point, select
+from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.calibration.result import Alternative
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, all_candidates, significance
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem

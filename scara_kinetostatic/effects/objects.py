@@ -333,7 +333,7 @@ class OffNormalForce(Effect):
     `off_normal`; it is adjusted with the observations, d = r (R(-α) - I) n. It cannot be predicted: where a force is
     predicted, its off-normal angle is that of the measured one.
 
-    The diagnosis tests it beside the effects of the catalogue, as a variance: `diagnosis.noise_structure`.
+    The diagnosis tests it beside the effects of the catalogue, as a variance: `diagnosis.lack_of_fit`.
 
     Attributes:
         off_normal: standard deviation of α, rad, with which a fit begins to estimate it; the coefficient of friction is

@@ -63,8 +63,16 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, pick, put, unit_vectors
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model, sum_of_shifts
-from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
-from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
+from scara_kinetostatic.model.kinematics import (
+    GripperSign,
+    LoadedJoints,
+    Pull,
+    component_by_parameters,
+    deflection,
+    forward,
+    inverse_of_derivative,
+    pull_of,
+)
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import MILLI, NAMES, THETA1, THETA2, Parameters
 

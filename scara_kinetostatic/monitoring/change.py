@@ -27,20 +27,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import UNDETECTED, DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import fitted_surfaces, project
 from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.observations import UNDETECTED, DeclaredErrors, observe
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.gaussian.information import Gaussian, Information
 from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, P_EE, UNITS
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, P_EE, SCALES, UNITS, scale_of, shown
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 
 LINEAR = 0.01
 """Part of a chi-square that a large change leaves as touches are linearised at the calibrated values: (δ / 2 R)² for a

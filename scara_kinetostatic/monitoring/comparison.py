@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfc
 
-from scara_kinetostatic.calibration.declared_errors import UNDETECTED
+from scara_kinetostatic.calibration.observations import UNDETECTED
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, rms

@@ -11,7 +11,17 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.parameters import (
+    NAMES,
+    SCALES,
+    Shown,
+    chance,
+    count,
+    micrometres,
+    p_equals,
+    scale_of,
+    shown,
+)
 from scara_kinetostatic.monitoring.change import Causes, change_title
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend
@@ -30,7 +40,6 @@ from scara_kinetostatic.report import (
     sentence,
 )
 from scara_kinetostatic.report.figure import FAINT, IN_MICRO, INK, PAPER, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.results.report import answer
 
 _SIDE = 760

@@ -23,11 +23,11 @@ from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import micrometres
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recordings_of
-from scara_kinetostatic.report.quantities import micrometres
 from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
 LEVEL = 1e-3

@@ -25,7 +25,7 @@ from std_msgs.msg import ColorRGBA, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, unlike_lengths, wrench_fields
+from scara_kinetostatic.bags.messages import Fields, aligned, joint_fields, unlike_lengths, wrench_fields
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.tables import COLUMNS

@@ -20,6 +20,7 @@ from std_msgs.msg import String
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.parameters import count
 from scara_kinetostatic.monitoring.change import Measured
 from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -27,7 +28,6 @@ from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condit
 from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, forget_oldest
 from scara_kinetostatic.report import Document
-from scara_kinetostatic.report.quantities import count
 
 
 class Monitor(CellNode):

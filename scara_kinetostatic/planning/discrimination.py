@@ -36,7 +36,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from scara_kinetostatic.assessment.evidence import worth_doing
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.diagnosis.search import FOUND

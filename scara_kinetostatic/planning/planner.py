@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
+from scara_kinetostatic.calibration.observations import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.effects.base import Effect

@@ -7,7 +7,7 @@ by the noise of a touch. The Jacobian is the one from which the calibration work
 functions (`calibration.gauss_helmert`), and directions that the calibration would report as unidentifiable are left out
 here as well: a prediction has the rank and the confounded groups of the fit that it predicts.
 
-**Declared uncertainties** of the cell description enter as in the fit (`calibration.declared_errors`): with J and N the
+**Declared uncertainties** of the cell description enter as in the fit (`calibration.observations`): with J and N the
 whitened derivatives by L̄ and by the declared errors, and P the rows of the prior, the covariance of both is
 ([J N]ᵀ[J N] + PᵀP)⁻¹, and that of L̄ is its block. Touches do not make an error smaller that all of them share: with
 declared uncertainties the variance does not go with one over the number of touches.
@@ -30,11 +30,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import UNDETECTED, DeclaredErrors, RandomEffects
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import group_names, scales_of, unidentifiable_directions
-from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.calibration.observations import UNDETECTED, DeclaredErrors, Observations, RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
 from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, region_grid, tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import NOISE, uncertainty_budget
@@ -51,7 +50,7 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
-from scara_kinetostatic.model.joint_law import joint_deflection
+from scara_kinetostatic.model.kinematics import joint_deflection
 from scara_kinetostatic.model.parameters import MICRO, Parameters
 from scara_kinetostatic.model.tip import (
     Force,

@@ -12,14 +12,13 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from scara_kinetostatic.model.parameters import MOMENTS, NAMES
+from scara_kinetostatic.model.parameters import IN_MICRO, MOMENTS, NAMES, SCALES, count, micrometres, percentage
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import Statement, tip_std
 from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import SERIES, WARN
-from scara_kinetostatic.report.quantities import IN_MICRO, SCALES, count, micrometres, percentage
 from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 _WIDTH = 920.0

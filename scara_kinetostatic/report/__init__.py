@@ -49,7 +49,7 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.report.quantities import NOT_DETERMINED as NOT_DETERMINED
+from scara_kinetostatic.model.parameters import NOT_DETERMINED as NOT_DETERMINED
 
 _NUMBER = re.compile(
     rf'(below |[<>≤≥] ?)?[-−+±(]?\d[\d.e+−±\-/…%() ]*|{NOT_DETERMINED}|not determined|nothing|[-−]?inf|nan'
@@ -314,8 +314,9 @@ def as_page(report: Report) -> str:
     from scara_kinetostatic.report.figure import style
 
     template = Path(__file__).with_name('report.html.j2')
+    css = Markup(template.with_name('page.css').read_text(encoding='utf-8'))
     with style():
-        return render(template, report=report, version=__version__, as_sentence=sentence)
+        return render(template, report=report, version=__version__, as_sentence=sentence, css=css)
 
 
 Document = dict[str, Any]

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from scara_kinetostatic.report.quantities import IN_MICRO as IN_MICRO
+from scara_kinetostatic.model.parameters import IN_MICRO as IN_MICRO
 
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')

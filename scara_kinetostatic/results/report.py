@@ -21,7 +21,18 @@ from scara_kinetostatic.assessment.outcome import (
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
+from scara_kinetostatic.model.parameters import (
+    DESCRIPTIONS,
+    IN_MICRO,
+    NAMES,
+    SCALES,
+    count,
+    micrometres,
+    p_equals,
+    percentage,
+    shown,
+    unsigned_zero,
+)
 from scara_kinetostatic.report import (
     Block,
     Fact,
@@ -37,16 +48,6 @@ from scara_kinetostatic.report import (
     as_page,
     as_text,
     sentence,
-)
-from scara_kinetostatic.report.quantities import (
-    IN_MICRO,
-    SCALES,
-    count,
-    micrometres,
-    p_equals,
-    percentage,
-    shown,
-    unsigned_zero,
 )
 
 NAME, _TITLE = 'report.html', 'Kinetostatic calibration'

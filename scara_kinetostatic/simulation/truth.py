@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import yaml
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError

@@ -11,7 +11,7 @@ import scara_kinetostatic as sk
 from scara_kinetostatic.assessment.evidence import Conformity, Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome, advice
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import RIVALS
+from scara_kinetostatic.calibration.observations import RIVALS
 from scara_kinetostatic.calibration.result import Calibration, Contribution
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Item

@@ -11,8 +11,18 @@ from bags.forms import joint_state as joint_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scara_kinetostatic.bags.cdr import Decoder, decode_string, joint_state_messages, string_message, wrench_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Batch, Topic
+from scara_kinetostatic.bags.messages import (
+    JOINT_STATE,
+    STRING,
+    WRENCH_STAMPED,
+    Batch,
+    Decoder,
+    Topic,
+    decode_string,
+    joint_state_messages,
+    string_message,
+    wrench_messages,
+)
 
 finite = st.floats(-1e6, 1e6)
 stamps = st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 999_999_999))

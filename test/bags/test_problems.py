@@ -28,8 +28,7 @@ from bags.forms import (
 from mcap.writer import CompressionType
 
 from scara_kinetostatic.bags import messages as bag_messages
-from scara_kinetostatic.bags.cdr import string_message
-from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
+from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED, string_message
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.errors import CellError, RecordingError

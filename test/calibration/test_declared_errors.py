@@ -10,9 +10,8 @@ from calibration.studies import EXACT
 from diagnosis.simulated import CELL, PLAN, effect
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
-from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.observations import DeclaredErrors, Prior, observe
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.model.cell import Cell, Noise, Plate, SensorFrame, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force, true_force

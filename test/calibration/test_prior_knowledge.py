@@ -10,8 +10,8 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.prior_knowledge import assumed_places, nominal_uncertainty
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.uncertainty_budget import assumed_places, nominal_uncertainty
 from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, ArmClass, Disc, EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan

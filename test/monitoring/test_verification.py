@@ -15,13 +15,13 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc, Plate
+from scara_kinetostatic.model.parameters import shown
 from scara_kinetostatic.monitoring.change import CalibratedState
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report import as_page, as_text, plain
-from scara_kinetostatic.report.quantities import shown
 from scara_kinetostatic.touches.detection import Detection
 
 

@@ -12,8 +12,7 @@ from typing import NamedTuple
 from pipeline.undeclared import ALL, outcome_of, true_robot
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.quantities import SCALES, decimals
+from scara_kinetostatic.model.parameters import NAMES, SCALES, decimals
 
 
 class Row(NamedTuple):

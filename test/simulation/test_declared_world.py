@@ -9,7 +9,7 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Cell, Noise, Plate, Uncertainty
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL

@@ -55,7 +55,7 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, Unsupporte
 from scara_kinetostatic.files import tables
 from scara_kinetostatic.files.tables import Field, Sheet, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.report.quantities import IN_MICRO
+from scara_kinetostatic.model.parameters import IN_MICRO
 from scara_kinetostatic.studies.loops.record import LARGEST, LEVEL
 from scara_kinetostatic.studies.loops.selection import UncertainValue
 

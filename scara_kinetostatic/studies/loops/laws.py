@@ -11,7 +11,7 @@ depend on what happened before it. P_r is the play operator of half width r (`mo
 Driven by its motion, the force is predicted. Law (6), solved for the force, is a spring with a dead zone: with the
 deflection u,
 
-    F = F0 + dz(u; g) / p        (`model.joint_law`),
+    F = F0 + dz(u; g) / p        (`model.kinematics`),
 
 F0 being the zero of the force sensor and 1/p the amplitude. With u = x - x0 the force depends on the displacement
 alone. Candidates:
@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.joint_law import beyond_gap, rounded_sign
+from scara_kinetostatic.model.kinematics import beyond_gap, rounded_sign
 from scara_kinetostatic.model.touch import LARGEST_RATIO
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 

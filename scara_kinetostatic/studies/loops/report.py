@@ -12,6 +12,17 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
+from scara_kinetostatic.model.parameters import (
+    IN_MICRO,
+    NOT_DETERMINED,
+    Scale,
+    chance,
+    count,
+    p_equals,
+    percentage,
+    scale_of,
+    shown,
+)
 from scara_kinetostatic.report import Block, Document, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import (
     FAINT,
@@ -25,17 +36,6 @@ from scara_kinetostatic.report.figure import (
     Margins,
     as_svg,
     new_figure,
-)
-from scara_kinetostatic.report.quantities import (
-    IN_MICRO,
-    NOT_DETERMINED,
-    Scale,
-    chance,
-    count,
-    p_equals,
-    percentage,
-    scale_of,
-    shown,
 )
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
