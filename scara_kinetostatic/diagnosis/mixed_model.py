@@ -424,7 +424,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
 
 def trusted_rows(c: Calibration, base: Floats) -> tuple[Floats, Floats]:
     """Rows of the trusted nominal values by L̄ in a basis (12, b), (p, b), and their residuals, (p,)."""
-    prior = ActivePrior.of(c.observe(), c.subspace)
+    prior = ActivePrior.of(c.observe(), c.subspace) if c.trusted else None
     if prior is None:
         return np.zeros((0, base.shape[1])), np.zeros(0)
     kept = prior.active[: len(prior.prior.trusted)] & (prior.prior.trusted < len(base))

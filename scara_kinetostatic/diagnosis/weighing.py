@@ -132,7 +132,7 @@ class Weighed(NamedTuple):
             together = _likeliest_parts([part for some in every for part in some])
             if every[0]:
                 named.append(labels)
-                own.append(every[0])
+                own.append(_likeliest_parts(every[0]))
                 with_undetected.append(together)
                 probabilities.append(sum(odds.probabilities.get(x, 0.0) for x in merged))
         if not named:
