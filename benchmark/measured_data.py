@@ -30,7 +30,8 @@ from benchmark.common import parser, save
 from benchmark.svg import svg_file
 from scara_kinetostatic.files.tables import load_table
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.model.kinematics import forward, joint_deflection
+from scara_kinetostatic.model.joint_law import joint_deflection
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters, p_equals
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.studies.loops.fit import FitSamples, FittedLaw, PredictedRecord, fit_law, predict

@@ -57,8 +57,7 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

@@ -37,8 +37,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import Cell, EffectSizes, Lift, SizeMode, Uncertainty
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.parameters import MOMENTS
 from scara_kinetostatic.model.tip import direct_kinetostatics

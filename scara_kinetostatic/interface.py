@@ -29,7 +29,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, Predictor, 
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time

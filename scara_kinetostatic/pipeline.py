@@ -239,6 +239,7 @@ def calibrate_touches(
         found=detection.found,
         rejected=tuple(rejected[index] for index in sorted(rejected)),
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
+        first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,
         check=check,
         discriminate=_discrimination,

@@ -10,7 +10,7 @@ import numpy as np
 from benchmark.diagnosis.cells import Setup, SimulatedEffects, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, LinearEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import Parameter, Shift, TouchState
+from scara_kinetostatic.model.extended_model import Parameter, Shift, TouchState
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from scara_kinetostatic.effects.base import VARIABLES, Effect
 from scara_kinetostatic.effects.objects import OffNormalForce, PlatePosition
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
-from scara_kinetostatic.model.effect_law import Parameter
+from scara_kinetostatic.model.extended_model import Parameter
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.figure import style

@@ -35,17 +35,8 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import TINY, Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
-from scara_kinetostatic.model.kinematics import (
-    LoadedJoints,
-    deflection,
-    forward,
-    joint_torques,
-    quarter_turn,
-    rotate,
-    rounded_sign,
-    tip_by_parameters,
-    wrap,
-)
+from scara_kinetostatic.model.joint_law import deflection, joint_torques, rounded_sign
+from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces
 from scara_kinetostatic.model.parameters import (
     G_EE,

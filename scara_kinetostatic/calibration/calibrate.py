@@ -1,5 +1,6 @@
-"""From touches to L̄; parameters held at a value, as text, checked, and those of effects with their effects; and the
-force error on touches that took no part in the fit, each predicted by a fit to the others.
+"""From touches to L̄; parameters held at a value, as text, checked, and those of effects with their effects.
+
+The force error on touches that took no part in the fit is that of touches each predicted by a fit to the others.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDat
 from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import has_no_sure_sign
-from scara_kinetostatic.model.effect_law import EffectLaw
-from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import forward, joint_torques
+from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel
+from scara_kinetostatic.model.joint_law import joint_torques
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 

@@ -205,7 +205,7 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
             if not len(moving):
                 break
             step = np.zeros(point.whitened.derivative.shape[2] + len(point.errors))
-        else:  # near a kink of the model one may alternate
+        else:  # near a kink of the model one may alternate; what still converges changes by less than it counts
             point = _nearer(point, select(before, moving), moving)
         if near is None:
             return point
@@ -253,8 +253,8 @@ def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
     o, measured = observations, base_force(observations, model)
     off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
-    at, known = o.contact_problem(o.joints)[:4], o.metadata
-    found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
+    at, known = o.contact_problem(o.joints), o.metadata
+    found = contact(model, *at[:4], warm_start=measured, metadata=known, off_normal=off_normal, edges=at.edges)
     return measured - found.force
 
 

@@ -49,8 +49,7 @@ from scara_kinetostatic.model.contact import (
     shift_column,
     solve_links,
 )
-from scara_kinetostatic.model.effect_law import Shift
-from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force, sensor_derivatives, true_force
+from scara_kinetostatic.model.extended_model import ExtendedModel, Shift, reported_force, sensor_derivatives, true_force
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
 

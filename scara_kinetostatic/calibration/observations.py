@@ -34,7 +34,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import EVERY, Complexes, Floats, Indices, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem, Edges
-from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import EffectLaw, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import GripperSign, forward, rotate
 from scara_kinetostatic.model.outline import PER_ANGLE, Outline, Surfaces
 from scara_kinetostatic.model.parameters import UNITS

@@ -39,16 +39,14 @@ from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import TouchMetadata, TouchState
+from scara_kinetostatic.model.joint_law import joint_deflection, joint_torques, pull_of_links
 from scara_kinetostatic.model.kinematics import (
     LoadedJoints,
     forward,
     inverse,
     jacobian,
-    joint_deflection,
-    joint_torques,
     link_vectors,
-    pull_of_links,
     tip_by_parameters,
     wrap,
 )

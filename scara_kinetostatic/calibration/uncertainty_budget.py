@@ -68,7 +68,7 @@ class Item(NamedTuple):
     """One source of the budget. Contributions are standard uncertainties.
 
     Attributes:
-        label: ``noise``, or as `declared_errors.Source` has it.
+        label: ``noise``, or as `observations.Source` has it.
         declared: its declared standard uncertainty; None for noise and what is not declared.
         unit: of `declared`.
         parameters: contribution to each of the base model, (12,), in their units; NaN where confounded.

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from scara_kinetostatic.files.tables import PoseTable
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Indices
-    from scara_kinetostatic.model.effect_law import TouchMetadata
+    from scara_kinetostatic.model.extended_model import TouchMetadata
 
 
 def files(table: str, meaning: str) -> tuple[Option, ...]:
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> None:
 
 def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> TouchMetadata:
     """What effects need to know of the rows."""
-    from scara_kinetostatic.model.effect_law import TouchMetadata
+    from scara_kinetostatic.model.extended_model import TouchMetadata
     from scara_kinetostatic.touches.detection import approach_of
 
     metadata = TouchMetadata.plain(len(table))._replace(posture=sides)

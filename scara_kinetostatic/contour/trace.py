@@ -48,7 +48,7 @@ from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, interpolated
 from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.model.parameters import MICRO, MILLI, percentage

@@ -1,4 +1,6 @@
-"""Candidates: every effect as columns of the linear problem, at its best trial."""
+"""Candidates: every effect as columns of the linear problem, at its best trial; where fits of some of them begin, and
+the places of the fitted ones on their grids.
+"""
 
 from __future__ import annotations
 

@@ -36,8 +36,7 @@ from scara_kinetostatic.effects.base import Trial, at_joint
 from scara_kinetostatic.gaussian.linear_model import left_out, orthonormal
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Mask, pick, rms
-from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, Shift, TouchMetadata
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.tip import direct_kinetostatics
 

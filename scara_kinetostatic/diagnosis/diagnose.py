@@ -37,7 +37,7 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """Test whether the base model is complete, and find what it lacks.
 
     Assumes Gaussian noise and independent touches. The p-value is that of `_report`. Where the stated noise is too
-    large, the noise is estimated; where the touches show noise that grows with the force (`noise_structure`), with this
+    large, the noise is estimated; where the touches show noise that grows with the force (`lack_of_fit`), with this
     component.
 
     Args:

@@ -1,4 +1,4 @@
-"""Lack of fit: F-tests of the residual against everything that it could depend on.
+"""Lack of fit: F-tests of the residual against everything that it could depend on; noise that grows with the force.
 
 If the model is complete, the whitened misclosures of the used touches are white noise, projected off the columns of
 the fit. An effect that the model lacks makes them depend smoothly on a joint angle, a torque, the force, the disc, the
@@ -20,17 +20,17 @@ components, Verbeke and Molenberghs, Biometrics 59 (2003) 254.
 of the touches shows it:
 
 - where the diagnosis finds nothing missing, or what is missing, by a score test (`growing_p_value`) at the last
-  fit, at a false alarm rate well below 1 %, confirmed by the deviance of the fit with it;
+  fit, at a false alarm rate well below 1 %, confirmed by the deviance with it in the linear problem there;
 - where the residuals are larger than stated, or unlike noise, by the deviance alone: then noise that grows competes
   with contact friction and with a lack of fit.
 
 In both cases the touches are diagnosed anew with the noise found, and the likelier of the two diagnoses is kept. A
 model error is no noise: it depends on something, so the F-tests find it whatever the weights are.
 
-Fits may differ in the touches that they reject. So a rejected touch has a penalty, the squared distance d² beyond which
+With other noise other touches are outliers. So a rejected touch has a penalty, the squared distance d² beyond which
 touches are rejected. Over all touches,
 
-    D = Σ_used d² / s² + Σ_declared e² / s² + Σ_rejected d²_rejection + Σ ln det V,
+    D = Σ_used d² + Σ_declared e² + Σ_rejected d²_rejection + Σ ln det V,
 
 and the smaller D is the likelier model.
 
@@ -272,6 +272,8 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
 
 PENALTY = 6.0
 """Decrease of the deviance that noise that grows must bring where the residuals are larger than noise."""
+_MOST_ROUNDS, _SAME_LEVEL = 20, 0.01
+"""Of the estimation of noise levels in the linear problem, and relative change of a level that ends it."""
 
 
 def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration | None:
@@ -283,7 +285,7 @@ def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration |
     """
     c, extended = calibration, found.extended
     # with fewer degrees of freedom the scatter does not show what it depends on
-    if c.noise.force_relative is not None or c.degrees_of_freedom < 30:
+    if c.noise.force_relative is not None or c.degrees_of_freedom < 30 or c.model.off_normal_std:
         return None
     is_friction = extended is not None and bool(extended.model.off_normal_std)
     suspicious = found.verdict == 'unexplained' or is_friction
@@ -295,49 +297,55 @@ def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration |
 
 
 def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
-    """The noise of a fit with a part that grows with the force, if its residuals ask for it."""
-    beside = (JOINT, FORCE, OFF_NORMAL) if c.model.off_normal_std else (JOINT, FORCE)
+    """The noise of a fit without off-normal angles, with a part that grows with the force; None if it asks for none."""
     # where the residuals are larger than noise, a hint is enough, or that they depend on nothing: the levels are then
     # as stated, and the score test, which leaves them free, sees little
-    asked = growing_p_value(c, beside) < (0.03 if suspicious else STRICT_SIGNIFICANCE)
+    asked = growing_p_value(c, (JOINT, FORCE)) < (0.03 if suspicious else STRICT_SIGNIFICANCE)
     asked = asked or (suspicious and c.cell.noise is not None and not _depends_on_something(c))
     if not asked:
         return None
-    noise, least = _at_levels(c, c.noise._replace(force_relative=0.01), c.cell)
-    # noise that grows by more than 5 % of the force is a model error
-    if _at_levels(c, c.noise, c.cell)[1] - least < (PENALTY if suspicious else CREDIBLE) or noise.growth > 0.05:
+    try:
+        noise, least = _noise_and_deviance(c, c.noise._replace(force_relative=0.01), c.cell)
+        gain = _noise_and_deviance(c, c.noise, c.cell)[1] - least
+        # stated levels that are all too small may explain the touches clearly better
+        plain, free = c.noise._replace(force_relative=None), replace(c.cell, noise=None)
+        other = np.inf if c.cell.noise is None else _noise_and_deviance(c, plain, free)[1]
+    except np.linalg.LinAlgError:
         return None
-    if c.cell.noise is not None:  # stated levels that are all too small may explain the touches clearly better
-        free = _at_levels(c, c.noise._replace(force_relative=None), replace(c.cell, noise=None))[1]
-        if free < least - CREDIBLE:
-            return None
+    # noise that grows by more than 5 % of the force is a model error
+    if not gain >= (PENALTY if suspicious else CREDIBLE) or noise.growth > 0.05 or not other >= least - CREDIBLE:
+        return None
     return None if suspicious and _depends_on_something(c.changed(noise=noise)) else noise
 
 
-def _at_levels(c: Calibration, noise: Noise, cell: Cell) -> tuple[Noise, float]:
-    """The noise by the residuals and D above, in the linear problem at a fit.
+def _noise_and_deviance(c: Calibration, noise: Noise, cell: Cell) -> tuple[Noise, float]:
+    """The noise by the residuals, and D, in the linear problem at a fit.
 
     Args:
         c: the fit.
         noise: to begin with; it has the components wanted.
         cell: which levels are stated.
+
+    Raises:
+        LinAlgError: they do not settle, or a touch is where the model is not defined.
     """
     observations, used = c.observe(), c.used
     basis, prior = c.subspace.with_errors(len(observations.errors)), ActivePrior.of(observations, c.subspace)
-    for _ in range(20):
+    for _ in range(_MOST_ROUNDS):
         point = c.projection.with_noise(noise)
-        known = None if prior is None else prior.system(point)
-        w = point.whitened
+        known, w = None if prior is None else prior.system(point), point.whitened
         system = least_squares.compress(w.jacobian, w.residual, used.astype(float), basis, known)
-        point, before = last_step(point, basis @ least_squares.damped_step(system, 0.0)), noise
-        used = find_good(point.distance)
+        point = last_step(point, basis @ least_squares.damped_step(system, 0.0))
+        good, following = find_good(point.distance), noise
         if estimated_levels(noise, cell.noise):
-            noise, _ = noise_of_residuals(observations, point, used, c.subspace, noise, cell)
-        if all(abs(a - b) <= 0.01 * b for a, b in zip(noise.levels, before.levels, strict=True)):
-            break
-    l11, _, l22 = point.whitened.root
-    distance = np.where(used, point.distance, -2 * np.log(FALSE_REJECTIONS / len(used)))
-    return noise, float(np.sum(distance + 2 * np.log(l11 * l22))) + (0.0 if prior is None else prior.cost(point))
+            following, _ = noise_of_residuals(observations, point, good, c.subspace, noise, cell)
+        pairs = zip(following.levels, noise.levels, strict=True)
+        if (good == used).all() and all(abs(after - before) <= _SAME_LEVEL * before for after, before in pairs):
+            l11, _, l22 = w.root
+            distance = np.where(used, point.distance, -2 * np.log(FALSE_REJECTIONS / len(used)))
+            return noise, float(np.sum(distance + 2 * np.log(l11 * l22))) + (prior.cost(point) if prior else 0.0)
+        noise, used = following, good
+    raise np.linalg.LinAlgError('noise levels and outliers do not settle')
 
 
 def _depends_on_something(c: Calibration) -> bool:

@@ -31,8 +31,7 @@ from scara_kinetostatic.effects.base import Effect, Grid, Trial
 from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, independent_parts, orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact import extended_equations, shift_column
-from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
-from scara_kinetostatic.model.extended_model import true_force
+from scara_kinetostatic.model.extended_model import ForceDependence, TouchState, true_force
 from scara_kinetostatic.model.parameters import NAMES
 
 SIGNIFICANCE = 0.01

@@ -179,7 +179,7 @@ def fit_mixed(
             # model error may have been taken for noise: of two explanations that with the usual noise is tried first
             noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
             levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
-            if number and not latest.projection.distance[latest.used].mean() < lost:
+            if not latest.projection.distance[latest.used].mean() < lost:
                 raise np.linalg.LinAlgError('the linearisations lead away from the touches')
             solved = _solve(latest, c, sizes, logs, levels, expected)
             logs, shift = solved.logs, _shift(latest, solved)
@@ -534,7 +534,7 @@ def _result(step: _Step, base: Calibration) -> MixedModel:
             (c.errors**2).sum() + (trusted_rows(c, base.subspace.basis[: c.model.base_count])[1] ** 2).sum()
         ),
         standardized=np.sqrt(distance),
-        rejected=_rejections(c, base, distance, c.residual if not c.used.all() else np.zeros((len(c.used), 2))),
+        rejected=_rejections(c, base, distance, None if c.used.all() else c.residual),
         start=ExtendedModel(
             base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
         ),
@@ -650,9 +650,10 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
     return Prior(sources, places, mean[places], std, 0)
 
 
-def _rejections(c: Calibration, base: Calibration, distance: Floats, residual: Floats) -> tuple[Rejection, ...]:
-    """The outliers of the model, and the touches that the base model left out."""
+def _rejections(c: Calibration, base: Calibration, distance: Floats, residual: Floats | None) -> tuple[Rejection, ...]:
+    """The outliers of the model with residuals (n, 2), N, None where there is none; the touches left out before."""
     places = set(c.touches.index.tolist())
     left_out = [item for item in base.rejected if item.index not in places]
-    outliers = outlier_rejections(c.touches.index[~c.used], residual[~c.used], distance[~c.used])
+    off = np.zeros((0, 2)) if residual is None else residual[~c.used]
+    outliers = outlier_rejections(c.touches.index[~c.used], off, distance[~c.used])
     return tuple(sorted((*left_out, *outliers), key=lambda item: item.index))

@@ -50,6 +50,7 @@ _MOST_NAMED = 5
 _BELOW_ZERO = 4.0
 """Standard deviations below zero at which a compliance or backlash is of no robot."""
 _NO_FIT = np.linalg.LinAlgError, UnsupportedDataError, ParameterError
+"""What a fit of named effects raises where there is none."""
 
 
 class Search(NamedTuple):
@@ -191,8 +192,9 @@ def identify(c: Calibration, known: Sequence[Effect], weighed: Weighed) -> Searc
                 if _predicts(model.fit, base):
                     break
         else:
-            has_curve = not all(member.effect.is_physical for member in some)
-            excluded |= {UNNAMED} if has_curve else {member.effect.label for member in some}
+            fewer = weighed.likeliest_of(members) if len(members) > 1 else members
+            has_curve = not all(member.effect.is_physical for member in fewer)
+            excluded |= {UNNAMED} if has_curve else {member.effect.label for member in fewer}
             continue
         wrong = {effect.label for effect, values in fitted_effects(model.fit) if not effect.is_plausible(values)}
         excluded |= wrong
@@ -205,8 +207,8 @@ def identify(c: Calibration, known: Sequence[Effect], weighed: Weighed) -> Searc
 def _ways(
     c: Calibration, weighed: Weighed, members: list[Candidate], names: frozenset[tuple[str, float]]
 ) -> Iterator[tuple[Calibration, list[Candidate]]]:
-    """Touches and effects to fit, until there is a fit: a set; the likeliest of it, as far from the truth a set may be
-    likely that has no fit; without outliers, with which it may have gone off.
+    """Touches and effects to fit, in turn until there is a fit: a set; its likeliest effect alone, as a set may be
+    likely far from the truth and have no fit; that without outliers, with which it may have gone off.
     """
     yield c, members
     if len(members) > 1:
@@ -240,6 +242,10 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
     """The likeliest of several ways to begin, with the fit of what is found or, where that does not explain the
     touches, of all possible causes; the fit without names where this shows that nothing is missing.
 
+    It begins at the fit without names, and at its first linearisation where that is likelier; with all touches where
+    some were rejected, which an effect may explain; with the usual noise, where what is missing was taken for it; with
+    off-normal angles.
+
     Args:
         c: the base model.
         known: the catalogue.
@@ -248,17 +254,26 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
     is_none = plain.odds.none >= 0.5 and not plain.likeliest(frozenset()) and plain.model.first is None
     if is_none and c.used.all() and not off_normal and is_explained(plain.model.fit, SIGNIFICANCE):
         return Search(plain, c, (plain,))
-    found = list[Search]()
-    for base, weighed in _starts(c, known, plain, found):
-        item = identify(base, known, weighed)
-        if item.named or weighed.model is not plain.model.first:
-            found.append(item)
+    found = [identify(c, known, plain)]
+    if plain.model.first is not None:
+        found += [item for item in [identify(c, known, weigh(plain.model.first, known))] if item.named]
+    if not c.used.all() and not found[0].fit.used.all():
+        every = c.changed(used=np.ones(len(c.touches), dtype=bool))
+        with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
+            found.append(identify(every, known, _plain(every, known, keeps_touches=True)))
+    if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
+        usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
+        if usual is not None and len(usual.touches) == len(c.touches):
+            usual = usual.changed(cell=c.cell)
+            with suppress(UnsupportedDataError):
+                found.append(identify(usual, known, _plain(usual, known)))
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
     turned = None
     if off_normal and not _is_radial(best):
-        model = c.model.with_effects((OffNormalForce(), *c.model.effects))
+        others = (effect for effect in c.model.effects if not effect.off_normal_std)
+        model = c.model.with_effects((OffNormalForce(), *others))
         turned = fit_again(c.changed(model=model, used=np.ones(len(c.touches), dtype=bool)))
     if turned is not None:
         some = _beside_angles(known, turned)
@@ -276,42 +291,14 @@ def _plain(c: Calibration, known: Sequence[Effect], *, keeps_touches: bool = Fal
     return weigh(fit_mixed(c, known, keeps_touches=keeps_touches, freedoms=HEAVY_TAILS), known)
 
 
-def _starts(
-    c: Calibration, known: Sequence[Effect], plain: Weighed, found: Sequence[Search]
-) -> Iterator[tuple[Calibration, Weighed]]:
-    """Base models and fits without names to begin at: that of all, and its first linearisation where that is likelier;
-    with all touches where some were rejected, which an effect may explain; with the usual noise, where what is missing
-    was taken for it.
-
-    Args:
-        c: the base model.
-        known: the catalogue.
-        plain: the sets weighed at the fit without names.
-        found: what the starts so far have led to.
-    """
-    yield c, plain
-    if plain.model.first is not None:
-        yield c, weigh(plain.model.first, known)
-    if not c.used.all() and not found[0].fit.used.all():
-        every = c.changed(used=np.ones(len(c.touches), dtype=bool))
-        with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
-            yield every, _plain(every, known, keeps_touches=True)
-    if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
-        usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
-        if usual is not None and len(usual.touches) == len(c.touches):
-            usual = usual.changed(cell=c.cell)
-            with suppress(UnsupportedDataError):
-                yield usual, _plain(usual, known)
-
-
 def _likeliest(found: Sequence[Search]) -> Search:
     """That of the least deviance, whose robot has no compliance or backlash below zero where one has none."""
-    best = min(found, key=lambda item: item.deviance)
-    for item in sorted(found, key=lambda item: item.deviance):
+    ranked = sorted(found, key=lambda item: item.deviance)
+    for item in ranked:
         values, std = item.fit.parameters.as_array()[P_EE : G2 + 1], item.fit.std[P_EE : G2 + 1]
         if not (values < -_BELOW_ZERO * std).any():
             return item
-    return best
+    return ranked[0]
 
 
 def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Search:

@@ -17,7 +17,7 @@ from scara_kinetostatic.effects.registry import find as find
 from scara_kinetostatic.effects.registry import register as register
 from scara_kinetostatic.effects.registry import unregister as unregister
 from scara_kinetostatic.effects.unnamed import empirical_effects as empirical_effects
-from scara_kinetostatic.model.effect_law import ForceDependence as ForceDependence
-from scara_kinetostatic.model.effect_law import Parameter as Parameter
-from scara_kinetostatic.model.effect_law import Shift as Shift
-from scara_kinetostatic.model.effect_law import TouchState as TouchState
+from scara_kinetostatic.model.extended_model import ForceDependence as ForceDependence
+from scara_kinetostatic.model.extended_model import Parameter as Parameter
+from scara_kinetostatic.model.extended_model import Shift as Shift
+from scara_kinetostatic.model.extended_model import TouchState as TouchState

@@ -1,6 +1,6 @@
 """What a physical effect is: the interface of all effects, and the usual cases to derive from.
 
-An effect says what it does to a touch (`model.effect_law`): δ, an angle between actuator and link beside the
+An effect says what it does to a touch (`model.extended_model`): δ, an angle between actuator and link beside the
 law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
 effects are linear in their parameters: such a one defines only its `basis`, the shift per unit of each parameter.
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell, Disc
-from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MILLI
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import ANGLE, FINER, EffectOfJoint, Grid, JointEffect, PlotAxis, Trial
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import wrap
 from scara_kinetostatic.model.parameters import MICRO, NANO
 from scara_kinetostatic.model.touch import LARGEST_RATIO, play_operator

@@ -26,7 +26,7 @@ from scara_kinetostatic.effects.base import (
 )
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MICRO, MILLI, displacement, off

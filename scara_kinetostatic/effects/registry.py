@@ -32,8 +32,9 @@ from scara_kinetostatic.effects import shift as _shift
 from scara_kinetostatic.effects.base import ANGLE, Effect
 from scara_kinetostatic.errors import ParameterError, did_you_mean, expect
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.kinematics import forward, joint_torques, link_vectors
+from scara_kinetostatic.model.extended_model import ForceDependence, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.joint_law import joint_torques
+from scara_kinetostatic.model.kinematics import forward, link_vectors
 from scara_kinetostatic.model.touch import LATER
 
 Factory = Callable[[Cell], Iterable[Effect]]

@@ -42,7 +42,7 @@ from scara_kinetostatic.effects.base import (
 )
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.parameters import MICRO, MILLI
 

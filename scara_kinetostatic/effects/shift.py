@@ -34,7 +34,7 @@ from scara_kinetostatic.effects.objects import ObjectPosition
 from scara_kinetostatic.effects.robot import SensorBias
 from scara_kinetostatic.model.arrays import Floats, over_arrays
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.parameters import MICRO
 

@@ -34,7 +34,7 @@ from scara_kinetostatic.effects.base import (
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchState
 
 CURVE_VARIABLES: dict[str, tuple[Variable, int]] = {
     'q1': (VARIABLES['angle'], 0),

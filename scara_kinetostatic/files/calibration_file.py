@@ -31,8 +31,7 @@ from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Level, Noise
-from scara_kinetostatic.model.effect_law import EffectLaw
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""

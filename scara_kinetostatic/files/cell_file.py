@@ -36,7 +36,7 @@ from scara_kinetostatic.files.yaml_file import (
 )
 from scara_kinetostatic.model import cell as cells
 from scara_kinetostatic.model.cell import Plane, axes_problem
-from scara_kinetostatic.model.effect_law import Parameter
+from scara_kinetostatic.model.extended_model import Parameter
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import LEVEL, MILLI, MOMENTS, NAMES, P_EE, UNITS, Parameters
 

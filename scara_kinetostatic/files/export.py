@@ -28,7 +28,7 @@ from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, arm_urdf, comment, 
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.effect_law import EffectLaw
+from scara_kinetostatic.model.extended_model import EffectLaw
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.parameters import MILLI, NAMES, P_EE, UNITS
 from scara_kinetostatic.model.tip import direct_kinetostatics

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
+from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel, TouchMetadata, true_force
 from scara_kinetostatic.model.kinematics import posture as posture_of
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES

@@ -61,18 +61,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Complexes, Floats, Mask, as_complex, pairs, pick, put, unit_vectors
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model, sum_of_shifts
-from scara_kinetostatic.model.kinematics import (
-    GripperSign,
-    LoadedJoints,
-    Pull,
-    component_by_parameters,
-    deflection,
-    forward,
-    inverse_of_derivative,
-    pull_of,
+from scara_kinetostatic.model.extended_model import (
+    ExtendedModel,
+    ForceDependence,
+    Shift,
+    TouchMetadata,
+    TouchState,
+    as_model,
+    sum_of_shifts,
 )
+from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
+from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import MILLI, NAMES, THETA1, THETA2, Parameters
 
@@ -699,6 +698,7 @@ def contact(
     metadata: TouchMetadata | None = None,
     off_normal: Floats | None = None,
     tangents: Floats | None = None,
+    edges: Edges | None = None,
 ) -> Contact:
     """A(Q, L̄) for touches whose disc is known.
 
@@ -716,6 +716,7 @@ def contact(
         off_normal: off-normal angle of the force in each touch, (n,), rad, where an effect lets it differ from touch
             to touch.
         tangents: unit vectors along the straight edges that are touched, (n, 2), zero on arcs; None for arcs alone.
+        edges: the same with what displaces them, in place of `tangents`.
 
     Returns:
         Force, tip and link angles. Without contact the force is zero, the joints
@@ -727,7 +728,7 @@ def contact(
     centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
     metadata = TouchMetadata.plain(len(joints)) if metadata is None and model.effects else metadata
-    edges = Edges.of(tangents, radii)
+    edges = edges or Edges.of(tangents, radii)
     problem = ContactProblem(joints, centers, radii, gripper, metadata, off_normal, edges)
     state, solved = solve_state(model, problem)
     if warm_start is not None:

@@ -23,8 +23,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_obje
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,

@@ -4,12 +4,11 @@ size, digits by uncertainty.
 
 from __future__ import annotations
 
-import math
 from cmath import rect
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf, isfinite, pi
+from math import floor, inf, isfinite, isnan, log10, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -238,13 +237,10 @@ middle of the measured range 5.49e-5 … 2.05e-4 m. The values are taken as they
 gaps, as section 5.2 describes them, g of (6) and (7) would be half of them.
 """
 
-
 IN_MILLI, IN_MICRO = 1e3, 1e6
-"""By these a quantity is in the unit with the prefix; MILLI and MICRO of `model.parameters` are their inverses."""
+"""By these a quantity is in the unit with the prefix; MILLI and MICRO are their inverses."""
 NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
-
-
 _LEAST_P = 1e-12
 """Of p-values below this only that is said."""
 
@@ -259,7 +255,7 @@ class Scale(NamedTuple):
 SCALES = {name: Scale(unit, 1.0) if name in MOMENTS else Scale(f'µ{unit}', IN_MICRO) for name, unit in UNITS.items()}
 SCALES |= {name: Scale(f'm{UNITS[name]}', IN_MILLI) for name in NAMES[:6]}
 """The unit in which each parameter of the base model is shown."""
-FIT_UNITS = {'m': Scale('mm', IN_MILLI), 'rad': Scale('°', 180 / math.pi)}
+FIT_UNITS = {'m': Scale('mm', IN_MILLI), 'rad': Scale('°', 180 / pi)}
 """Of shapes fitted to a contour, by SI unit."""
 
 
@@ -298,8 +294,8 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
         unit: of both, SI.
         units: by SI unit, what is shown in a fixed unit instead.
     """
-    scale = (units or {}).get(unit) or scale_of(max(abs(value), std if math.isfinite(std) else 0.0), unit)
-    if math.isnan(value):
+    scale = (units or {}).get(unit) or scale_of(max(abs(value), std if isfinite(std) else 0.0), unit)
+    if isnan(value):
         return Shown('not determined', '', '')
     digits = decimals(std * scale.per_si)
     if digits is None:
@@ -311,7 +307,7 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
 def micrometres(metres: float) -> str:
     """An error or uncertainty of the tip, in µm."""
     size = IN_MICRO * metres
-    if not math.isfinite(size):
+    if not isfinite(size):
         return NOT_DETERMINED
     return f'{size:#.3g}'.rstrip('.') if abs(size) < 999.5 else f'{size:.0f}'
 
@@ -324,9 +320,9 @@ def unsigned_zero(number: str) -> str:
 def decimals(std: float) -> int | None:
     """How many decimals show two digits of a standard deviation; None where there is none, or it is of no size."""
     # 5e-12: a standard deviation below this, in the unit in which it is shown, is none
-    if not math.isfinite(std) or std < 5e-12:
+    if not isfinite(std) or std < 5e-12:
         return None
-    return min(12, max(0, 1 - math.floor(math.log10(std))))
+    return min(12, max(0, 1 - floor(log10(std))))
 
 
 def chance(p_value: float) -> str:

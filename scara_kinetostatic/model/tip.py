@@ -43,22 +43,24 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import State, step_links
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.kinematics import (
+from scara_kinetostatic.model.extended_model import (
+    ExtendedModel,
+    ForceDependence,
+    Shift,
+    TouchMetadata,
+    TouchState,
+    as_model,
+)
+from scara_kinetostatic.model.joint_law import (
     NO_TORQUE,
     Four,
-    GripperSign,
-    LoadedJoints,
     Pull,
-    component_by_parameters,
     deflection,
-    inverse,
     inverse_of_derivative,
     place_in_band,
     pull_of,
-    stacked,
 )
+from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
 SIGN_KNOWN = 3.0

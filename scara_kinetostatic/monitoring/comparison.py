@@ -37,8 +37,7 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import EffectLaw
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.change import (
     CalibratedState,

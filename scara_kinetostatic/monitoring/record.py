@@ -30,8 +30,7 @@ from scara_kinetostatic.files.calibration_file import (
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import reported_force
+from scara_kinetostatic.model.extended_model import TouchMetadata, reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories

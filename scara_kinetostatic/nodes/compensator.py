@@ -38,7 +38,7 @@ from trajectory_msgs.msg import JointTrajectory
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError, one_line
 from scara_kinetostatic.model.arm import CalibratedArm, JointAngles
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, check_free
 from scara_kinetostatic.nodes import conversion

@@ -63,7 +63,7 @@ from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks, leverage
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan

@@ -44,7 +44,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MILLI, P_EE, percentage, quantity

@@ -48,9 +48,8 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import State, has_no_sure_sign
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
-from scara_kinetostatic.model.kinematics import joint_deflection
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, reported_force
+from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.parameters import MICRO, Parameters
 from scara_kinetostatic.model.tip import (
     Force,

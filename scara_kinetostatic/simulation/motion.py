@@ -40,8 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState, as_model
 from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters

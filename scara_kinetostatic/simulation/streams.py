@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.model import extended_model
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import as_model
+from scara_kinetostatic.model.extended_model import TouchMetadata, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import MICRO, NANO, Parameters
 from scara_kinetostatic.model.touch import TouchSet

@@ -49,7 +49,7 @@ class Samples(NamedTuple):
     Attributes:
         stamp: header stamps, (n,), ns.
         log_time: when each was recorded, (n,), ns.
-        values: q1, q2 or fx, fy, (n, 2), rad or N.
+        values: q1, q2 and held joints, or fx, fy, (n, 2 + h), rad or N.
     """
 
     stamp: Stamps

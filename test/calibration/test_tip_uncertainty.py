@@ -22,7 +22,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import uncertainty_budget
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Region, Uncertainty
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.model.tip import direct_kinetostatics

@@ -31,8 +31,7 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

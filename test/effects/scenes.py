@@ -13,8 +13,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import ContactProblem, State, free_state
-from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import GripperSign, inverse
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.tip import inverse_kinetostatics

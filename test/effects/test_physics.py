@@ -21,8 +21,7 @@ from scara_kinetostatic.effects.robot import (
 )
 from scara_kinetostatic.effects.shift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.model.contact import Contact, contact
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn
 
 SCENE = random_scene(5, 150)

@@ -15,7 +15,7 @@ from scara_kinetostatic.effects.joints import EncoderGain, JointHardening
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.effects.registry import catalogue, evaluate_once, find, register, unregister
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter
+from scara_kinetostatic.model.extended_model import ForceDependence, Parameter
 
 NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',

@@ -7,7 +7,7 @@ import pytest
 from effects.scenes import random_scene
 
 from scara_kinetostatic.effects.joints import HIGHEST, LOWEST, TransmissionError, frequencies
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.extended_model import TouchState
 
 
 def joints(kind: str, n: int = 120) -> np.ndarray:

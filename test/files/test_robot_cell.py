@@ -15,7 +15,8 @@ from scara_kinetostatic.files.robot_cell import robot_cell
 from scara_kinetostatic.files.urdf import RobotDescription, read_robot
 from scara_kinetostatic.files.yaml_file import parse_yaml
 from scara_kinetostatic.model.cell import Cell, Lift, SensorFrame
-from scara_kinetostatic.model.kinematics import forward, joint_torques
+from scara_kinetostatic.model.joint_law import joint_torques
+from scara_kinetostatic.model.kinematics import forward
 
 
 def cell_of(text: str) -> Cell:

@@ -9,9 +9,9 @@ from model.helpers import ROBOTS, STEPS, assert_derivative, random_poses
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign, Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import LoadedJoints, forward_by_parameters, joint_deflection, tip_by_parameters
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
+from scara_kinetostatic.model.joint_law import joint_deflection
+from scara_kinetostatic.model.kinematics import LoadedJoints, forward_by_parameters, tip_by_parameters
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.tip import (
     Force,

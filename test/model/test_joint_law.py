@@ -5,7 +5,7 @@ import pytest
 
 from scara_kinetostatic.model.cell import GripperSign, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import beyond_gap, deflection, place_in_band, pull_of, rounded_sign
+from scara_kinetostatic.model.joint_law import beyond_gap, deflection, place_in_band, pull_of, rounded_sign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows
 

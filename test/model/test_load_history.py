@@ -7,7 +7,8 @@ import pytest
 from model.helpers import ROBOTS, random_poses
 
 from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.model.kinematics import joint_torques, rotate
+from scara_kinetostatic.model.joint_law import joint_torques
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.touch import play_limits, play_operator, play_range, remembered, torques_of
 
 

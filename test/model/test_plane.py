@@ -10,7 +10,7 @@ import pytest
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plane, Sensor, SensorFrame
-from scara_kinetostatic.model.kinematics import joint_torques
+from scara_kinetostatic.model.joint_law import joint_torques
 
 PLANE = Plane('base_link', (0.1, -0.2, 0.3), (0.0, 0.6, 0.8), (1.0, 0.0, 0.0), 'tool0')
 UPRIGHT = PAPER_CELL.nominal.replace(gravity=(1.0, -9.0), s1=4.0, s2=1.5, phi1=0.2, phi2=-0.7)

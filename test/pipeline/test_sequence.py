@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from calibration.studies import CELL as BARE
 
+from scara_kinetostatic.assessment.outcome import unusable
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
 from scara_kinetostatic.diagnosis.search import identify
+from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import MEASURED_DISCS
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -65,8 +68,19 @@ def write_tables(tmp_path):
 
 def test_a_likelier_set_without_a_curve_is_found_where_one_with_it_settles(tmp_path):
     touches, used = gather_touches(write_tables(tmp_path), CELL).touches, np.arange(96) != 42
-    found = identify(calibrate(touches, CELL).changed(used=used), catalogue(CELL))
+    base, known = calibrate(touches, CELL).changed(used=used), catalogue(CELL)
+    found = identify(base, known, weigh(fit_mixed(base, known, freedoms=HEAVY_TAILS), known))
     assert [effect.label for effect in found.named] == ['shift[base]']
+
+
+def test_a_recording_that_is_bad_alone_is_named(tmp_path):
+    first, second = write_tables(tmp_path)
+    head, *rows = second.read_text().split('\n')
+    weak = [f'{row.rsplit(",", 2)[0]},0.01,0.02' for row in rows[: len(rows) // 2]]
+    second.write_text('\n'.join([head, *weak, *rows[len(weak) :]]))
+    remarks = [str(remark) for remark in unusable(calibrate_recordings([first, second], CELL))]
+    assert len(remarks) == 1
+    assert f'in recording 2 {len(weak)} of {len(rows)} touches found are not used' in remarks[0]
 
 
 def test_tables_do_not_tell_their_order_and_it_is_said(tmp_path):

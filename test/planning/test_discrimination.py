@@ -11,8 +11,7 @@ from diagnosis.simulated import CELL, NOISE, effect
 
 from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.files.calibration_file import nominal_arm
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import choose

@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import DiscEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import Parameter, TouchState
+from scara_kinetostatic.model.extended_model import Parameter, TouchState
 
 
 @dataclass(frozen=True)

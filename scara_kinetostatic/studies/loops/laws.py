@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.kinematics import beyond_gap, rounded_sign
+from scara_kinetostatic.model.joint_law import beyond_gap, rounded_sign
 from scara_kinetostatic.model.touch import LARGEST_RATIO
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 
