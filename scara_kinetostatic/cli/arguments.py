@@ -16,7 +16,7 @@ from scara_kinetostatic.errors import OutputError, UnsupportedDataError
 if TYPE_CHECKING:
     from scara_kinetostatic.assessment.outcome import Assessment
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.report import Document, Report
+    from scara_kinetostatic.report.page import Document, Report
 
 Option = tuple[Any, ...]
 """A row of a table of arguments (`_add_options`)."""
@@ -220,7 +220,7 @@ def print_result(text: str, folder: Path, files: Mapping[str, str], document: Do
         OutputError: the folder cannot be written.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.report import json_text
+    from scara_kinetostatic.report.page import json_text
 
     if files:
         write_texts(folder, files)
@@ -243,7 +243,7 @@ def print_report(
     Raises:
         OutputError: the folder cannot be written.
     """
-    from scara_kinetostatic.report import as_page, as_text, json_text
+    from scara_kinetostatic.report.page import as_page, as_text, json_text
 
     files: dict[str, str] = {}
     if args.out:

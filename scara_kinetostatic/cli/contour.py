@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.monitoring.record import check_same_arm, check_same_recorded
-    from scara_kinetostatic.report import as_page, as_text
+    from scara_kinetostatic.report.page import as_page, as_text
 
     arm = load_calibration(args.calibration)
     cell = load_cell(args.cell) if args.cell else arm.cell

@@ -64,7 +64,7 @@ def _print_result(result: DemoResult) -> None:
     import numpy as np
 
     from scara_kinetostatic.model.parameters import NAMES, UNITS
-    from scara_kinetostatic.report import Table
+    from scara_kinetostatic.report.page import Table
 
     truth, estimate, std = np.array([result.truth, result.estimate.values, result.estimate.deviations])
     deviation = (estimate - truth) / std

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.monitoring.history import History, trends_of
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.report import history_report
-    from scara_kinetostatic.report import as_page, as_text
+    from scara_kinetostatic.report.page import as_page, as_text
 
     takes = {'add': 'calibrations to add', 'extract': 'one number', 'remove': 'numbers'}
     if (args.action in takes) != bool(args.items) or (args.action == 'extract' and len(args.items) > 1):

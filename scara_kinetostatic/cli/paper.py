@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
         OutputError: DIR cannot be written.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.report import as_page, json_text
+    from scara_kinetostatic.report.page import as_page, json_text
     from scara_kinetostatic.studies.paper.report import paper_document, paper_report
     from scara_kinetostatic.studies.paper.study import reproduce
 

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.monitoring.archive import archive_table, recalibrate_archive, tasks_of
-    from scara_kinetostatic.report import as_page, as_text
+    from scara_kinetostatic.report.page import as_page, as_text
 
     names = ('archive.csv', 'archive.html')
     for path in args.recordings:

@@ -43,7 +43,7 @@ from scara_kinetostatic.monitoring.change import (
     rivals,
 )
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.report import Document
+from scara_kinetostatic.report.page import Document
 
 THRESHOLD = 20.0
 """Of G where the noise is known: false alarms at most one in 1000 touches. Where it was estimated, the value that F

@@ -25,7 +25,7 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.monitoring.comparison import Change, compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
-from scara_kinetostatic.report import json_text
+from scara_kinetostatic.report.page import json_text
 
 APPLICATION = 0x5C4A2A01
 """`application_id` of the file."""

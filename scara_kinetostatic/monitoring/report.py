@@ -27,7 +27,8 @@ from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterCha
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
-from scara_kinetostatic.report import (
+from scara_kinetostatic.report.figure import FAINT, IN_MICRO, INK, PAPER, WARN, as_svg, new_figure
+from scara_kinetostatic.report.page import (
     NOT_DETERMINED,
     Block,
     Document,
@@ -39,7 +40,6 @@ from scara_kinetostatic.report import (
     Verdict,
     sentence,
 )
-from scara_kinetostatic.report.figure import FAINT, IN_MICRO, INK, PAPER, WARN, as_svg, new_figure
 from scara_kinetostatic.results.report import answer
 
 _SIDE = 760

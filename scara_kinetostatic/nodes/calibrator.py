@@ -31,7 +31,7 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
-from scara_kinetostatic.report import Document
+from scara_kinetostatic.report.page import Document
 from scara_kinetostatic.results.files import FACTS, GROUP, JSON, YAML, StoredResult, load_result
 
 _RESULT = {

@@ -33,7 +33,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plane
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_identification
 from scara_kinetostatic.nodes.conversion import diagnostic, force_text
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, QUEUE
-from scara_kinetostatic.report import Document
+from scara_kinetostatic.report.page import Document
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 CALLS = QoSProfile(depth=LATCHED_TOUCHES.depth)

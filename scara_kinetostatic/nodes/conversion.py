@@ -36,7 +36,7 @@ from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import MILLI
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.report import Document
+from scara_kinetostatic.report.page import Document
 from scara_kinetostatic.results.files import JSON
 from scara_kinetostatic.touches.clock import SECOND, JointParts, Samples
 

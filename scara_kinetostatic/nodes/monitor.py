@@ -27,7 +27,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
 from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, forget_oldest
-from scara_kinetostatic.report import Document
+from scara_kinetostatic.report.page import Document
 
 
 class Monitor(CellNode):

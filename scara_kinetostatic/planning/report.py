@@ -16,9 +16,9 @@ from scara_kinetostatic.model.parameters import IN_MICRO, MOMENTS, NAMES, SCALES
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import Statement, tip_std
-from scara_kinetostatic.report import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import SERIES, WARN
+from scara_kinetostatic.report.page import Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 _WIDTH = 920.0

@@ -26,8 +26,8 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward, inverse, link_vectors
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import IN_MICRO, IN_MILLI, micrometres, percentage
-from scara_kinetostatic.report import Figure, Figures, Legend
 from scara_kinetostatic.report import figure as draw
+from scara_kinetostatic.report.page import Figure, Figures, Legend
 
 _WIDTH, _HALF, _HEIGHT = 920.0, 450.0, 360.0
 """Of a figure, of one of two side by side, of one that is no map, pixels."""

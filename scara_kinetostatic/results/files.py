@@ -36,7 +36,7 @@ from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
-from scara_kinetostatic.report import Document, json_text, plain, utc
+from scara_kinetostatic.report.page import Document, json_text, plain, utc
 from scara_kinetostatic.results import report as page
 
 YAML, JSON, RESIDUALS = 'calibration.yaml', 'calibration.json', 'residuals.csv'

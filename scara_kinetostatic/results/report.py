@@ -33,7 +33,7 @@ from scara_kinetostatic.model.parameters import (
     shown,
     unsigned_zero,
 )
-from scara_kinetostatic.report import (
+from scara_kinetostatic.report.page import (
     Block,
     Fact,
     Facts,

@@ -11,7 +11,7 @@ import pytest
 from cli.command import refused
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.report import json_text
+from scara_kinetostatic.report.page import json_text
 from scara_kinetostatic.results.files import as_document
 
 

@@ -19,7 +19,7 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.report import as_text
+from scara_kinetostatic.report.page import as_text
 from scara_kinetostatic.simulation.motion import SlideTiming
 from scara_kinetostatic.simulation.plan import polygon
 

@@ -20,7 +20,7 @@ from scara_kinetostatic.files.calibration_file import arm_document, load_calibra
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.report import json_text
+from scara_kinetostatic.report.page import json_text
 from scara_kinetostatic.results.files import as_document
 
 

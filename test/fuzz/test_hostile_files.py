@@ -20,7 +20,7 @@ from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.calibration_file import stored_covariance
-from scara_kinetostatic.report import json_text
+from scara_kinetostatic.report.page import json_text
 from scara_kinetostatic.results.files import as_document
 
 CHEAP = (

@@ -21,7 +21,7 @@ from scara_kinetostatic.monitoring.comparison import compare, compare_records
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import comparison_document, comparison_report
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.report import as_text
+from scara_kinetostatic.report.page import as_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

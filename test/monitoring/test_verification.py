@@ -21,7 +21,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.report import as_page, as_text, plain
+from scara_kinetostatic.report.page import as_page, as_text, plain
 from scara_kinetostatic.touches.detection import Detection
 
 

@@ -34,7 +34,7 @@ from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_ou
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.planning.prediction import RobotModel, Statement, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.planning.report import design_report
-from scara_kinetostatic.report import as_text
+from scara_kinetostatic.report.page import as_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

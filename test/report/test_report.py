@@ -9,8 +9,8 @@ import pytest
 
 from benchmark.svg import light_colours, svg_file
 from scara_kinetostatic.model.parameters import shown
-from scara_kinetostatic.report import Report, Section, Table, Verdict, as_page
 from scara_kinetostatic.report.figure import SERIES, as_svg, new_figure, style
+from scara_kinetostatic.report.page import Report, Section, Table, Verdict, as_page
 
 
 def test_a_file_has_the_colours_written_in_and_no_identifiers_that_repeat() -> None:

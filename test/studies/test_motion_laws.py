@@ -10,7 +10,7 @@ from studies.load_records import play
 
 from benchmark.hysteresis import alarmed, exact_force, simulate_record, sine
 from scara_kinetostatic.model.arrays import effective_count, rms
-from scara_kinetostatic.report import as_text
+from scara_kinetostatic.report.page import as_text
 from scara_kinetostatic.studies.loops.fit import FitSamples, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
 from scara_kinetostatic.studies.loops.record import MOTION, Record, RecordPath

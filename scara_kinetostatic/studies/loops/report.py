@@ -23,7 +23,6 @@ from scara_kinetostatic.model.parameters import (
     scale_of,
     shown,
 )
-from scara_kinetostatic.report import Block, Document, Figure, Figures, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import (
     FAINT,
     INK,
@@ -36,6 +35,18 @@ from scara_kinetostatic.report.figure import (
     Margins,
     as_svg,
     new_figure,
+)
+from scara_kinetostatic.report.page import (
+    Block,
+    Document,
+    Figure,
+    Figures,
+    Level,
+    Note,
+    Report,
+    Section,
+    Table,
+    Verdict,
 )
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.laws import PARAMETERS

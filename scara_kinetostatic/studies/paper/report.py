@@ -10,8 +10,8 @@ from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, SCALES, Parameters
-from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, IN_MICRO, SERIES, as_svg, new_figure
+from scara_kinetostatic.report.page import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.studies.loops.report import TITLES, dial_gauge_document, part_figures, summary_table
 from scara_kinetostatic.studies.paper.study import (
     ESTIMATED,
