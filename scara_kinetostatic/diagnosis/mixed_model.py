@@ -380,20 +380,17 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     """Sizes, noise levels and the penalised estimate at a linearisation; sizes and levels to begin with are given."""
     point = select(c.projection, c.used)
     fitted, columns, residual = _columns(c, point, base)
-    columns, trusted, noise_free = (
-        columns * sizes.scale,
-        trusted_rows(c, base.subspace.basis[: c.model.base_count]),
-        c.cell.noise is None,
-    )
+    columns, trusted = columns * sizes.scale, trusted_rows(c, base.subspace.basis[: c.model.base_count])
+    is_estimated = c.cell.noise is None
     of_joints = whitened_square(point.linear.by_joints * c.noise.joint_rms, point.whitened.root)
-    levels = levels if noise_free else np.ones(2)
+    levels = levels if is_estimated else np.ones(2)
     logs = start
-    for _ in range(6 if noise_free else 1):
+    for _ in range(6 if is_estimated else 1):
         inverse = inverse_roots(of_joints, levels)
         inner = at_levels(inverse, fitted, columns, residual, trusted)
         logs, variance = estimate_sizes(inner, sizes.group, logs, sizes.freedoms, held=expected)
         weights, before = weights_of(sizes.group, logs), levels
-        levels = estimate_levels(inner, inverse, of_joints, levels, weights) if noise_free else levels
+        levels = estimate_levels(inner, inverse, of_joints, levels, weights) if is_estimated else levels
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
     inverse = inverse_roots(of_joints, levels)

@@ -9,6 +9,9 @@ the set S are **gross**. A form is one way of being gross, an effect at one of i
 an effect is shared among its forms. Whatever explains the touches and is not in the catalogue is the effect `UNNAMED`,
 whose forms are smooth curves.
 
+**Ways.** A set is one of *ways*: a form as a gross effect, or, behind all these, a form that `is_placed` as a small
+one: small, an effect of unknown frequency may be at this place instead of at all of them. Small ways have the size τ.
+
 **Priors.** Δ is flat. τ and the gross sizes s, in typical sizes, are half-Cauchy with scales 1 and `SCALE`, on grids;
 the number of gross effects has the prior `NUMBER`, and the sets of a number are alike but for `UNNAMED`. All sizes are
 integrated, so that more effects have to explain more. Noise that is stated is known or, with `UNDERSTATED`, larger;
@@ -323,6 +326,7 @@ class _Scan:
 
     def integrated(self, sets: Indices) -> tuple[list[SizedSet], Floats]:
         """The parts of sets of ways (m, k) at all sizes that count, and the log evidence of each set, (m,)."""
+        # `logs` has an axis for the size of each way, the last way first, then that of τ, then that of the sets
         (m, k), every = sets.shape, np.arange(len(self.grams))
         order = np.argsort(-self.widths[sets], axis=1, kind='stable')  # the narrowest is left out at most sizes
         sets, back = np.take_along_axis(sets, order, axis=1), np.argsort(order, axis=1)
@@ -354,7 +358,7 @@ class _Scan:
         for row in np.flatnonzero((evidence >= highest - _NEGLIGIBLE) | (k == 1)).tolist():
             ways = sets[row]
             forms = tuple(self.form[ways].tolist())
-            gross = frozenset(self.forms[k].label for k in self.form[ways[~self.is_small[ways]]])
+            gross = frozenset(self.forms[form].label for form in self.form[ways[~self.is_small[ways]]])
             some = zip(*(one[row][: number[row]] for one in each), strict=True)
             parts += [SizedSet(log, gross, forms, tuple(size), place) for log, size, place in some]
         return parts, evidence
@@ -435,7 +439,8 @@ def components(
 
     At a size of the small parts the values are normal without gross effects, with mean m and covariance C; with those
     of S, D_S (D = the change of the values by a unit of each gross column, y held), they have the mean
-    m - D_S G⁻¹ b_S and the covariance C + D_S G⁻¹ D_S', G = A_V[S, S] + diag(1/s²).
+    m - D_S G⁻¹ b_S and the covariance C + D_S G⁻¹ D_S', G = A_V[S, S] + diag(1/s²). Over the sized sets of a group,
+    with their probabilities, mean and covariance are those of the mixture (law of total variance).
 
     Args:
         p: the linear problem.
@@ -450,8 +455,8 @@ def components(
     plain = dict[int, tuple[Floats, Floats]]()
     for number in {part.state for group in parts for part in group}:
         state = states[number]
-        rows = _solved(state.factor, state.widths[:, None] * by_columns[:, :c].T).T
-        plain[number] = rows @ rows.T + by_base @ by_base.T, by_columns[:, c:] - rows @ state.half
+        small = _solved(state.factor, state.widths[:, None] * by_columns[:, :c].T).T
+        plain[number] = small @ small.T + by_base @ by_base.T, by_columns[:, c:] - small @ state.half
     found = list[Component]()
     for group in parts:
         means, roots, weights = list[Floats](), list[Floats](), list[Floats]()
@@ -477,6 +482,6 @@ def components(
             second += (weight @ noise) * covariance
         weight, mean = np.concatenate(weights), np.concatenate(means)
         total, middle = weight.sum(), weight @ mean / weight.sum()
-        rows = np.concatenate([*roots, np.sqrt(weight)[:, None] * (mean - middle)])
-        found.append(Component(middle, (second + rows.T @ rows) / total))
+        scatter = np.concatenate([*roots, np.sqrt(weight)[:, None] * (mean - middle)])
+        found.append(Component(middle, (second + scatter.T @ scatter) / total))
     return found

@@ -140,14 +140,14 @@ class Weighed(NamedTuple):
         weight, lift = np.array(probabilities) / sum(probabilities), np.nan_to_num(self.lift)
         found = components(self.linear, self.forms, odds.states, [*with_undetected, *own], lift)
         found, alone = found[: len(named)], found[len(named) :]
-        now, less = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), np.zeros((len(lift),) * 2)
-        if fit.used.sum() > len(self.problem.force):  # some touches say how the sets differ, all where the fit is
+        values, surplus = np.concatenate([amplitudes(fit), fit.errors, fit.random_values]), np.zeros((len(lift),) * 2)
+        if fit.used.sum() > len(self.problem.force):  # of many touches some say how the sets differ, all where it is
             of_fit = {effect.label for effect, _ in fitted_effects(fit)}
             first = max(range(len(named)), key=lambda k: (named[k] == of_fit, weight[k]))
-            now, less = found[first].mean, found[first].covariance - fit.covariance_with_errors / fit.enlargement
+            values, surplus = found[first].mean, found[first].covariance - fit.covariance_with_errors / fit.enlargement
         undetected = np.tensordot(weight, [a.covariance - b.covariance for a, b in zip(found, alone, strict=True)], 1)
         alternatives = (
-            Alternative(tuple(sorted(labels)), p, item.mean - now, item.covariance - less)
+            Alternative(tuple(sorted(labels)), p, item.mean - values, item.covariance - surplus)
             for labels, p, item in zip(named, weight.tolist(), found, strict=True)
         )
         return Mixture(tuple(alternatives), undetected)
@@ -208,7 +208,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
 
 
 def _gross_columns(
-    problem: Problem, candidates: Sequence[Candidate], by_errors: Floats, by_effects: Floats
+    problem: Problem, candidates: Sequence[Candidate], by_errors: Floats, by_amplitudes: Floats
 ) -> tuple[_Columns, list[Indices]]:
     """Those of candidates, each by its typical size, and where the columns of each are.
 
@@ -216,7 +216,7 @@ def _gross_columns(
         problem: the touches.
         candidates: the effects.
         by_errors: what one standard deviation of each declared error and random effect changes, (2n, m + r).
-        by_effects: what each value of the model with its amplitudes changes, (2n, 12 + k).
+        by_amplitudes: what each value of the model with its amplitudes changes, (2n, 12 + k).
     """
     c, arm = problem.calibration, problem.calibration.cell.uncertainty.effects.arm
     size, declared = len(c.model.names), c.declared
@@ -234,7 +234,7 @@ def _gross_columns(
         if item.effect in fitted:
             first = next(k for k, name in enumerate(c.model.names) if name.startswith(f'{item.effect.label}.'))
             values = first + np.arange(fitted[item.effect])
-            amount = np.linalg.lstsq(changes[:, at], by_effects[:, values].sum(axis=1), rcond=None)[0] * unit
+            amount = np.linalg.lstsq(changes[:, at], by_amplitudes[:, values].sum(axis=1), rcond=None)[0] * unit
             of_values[:, at] = 0.0
             of_values[np.ix_(values, at)] = _by_coefficients(item.trial, amount) * unit
         elif len(own):

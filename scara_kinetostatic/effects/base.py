@@ -4,8 +4,9 @@ An effect says what it does to a touch (`model.extended_model`): δ, an angle be
 law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
 effects are linear in their parameters: such a one defines only its `basis`, the shift per unit of each parameter.
 
-All that is known of an effect stands in its class: nothing elsewhere asks which effect it is. A class that forgets
-something is refused when it is defined. `registry` lists them, and says how a package of your own adds one.
+All that is known of an effect stands in its class; elsewhere it is asked which effect one is only where that is about
+this one alone, as a tilted base. A class that forgets something is refused when it is defined. `registry` lists them,
+and says how a package of your own adds one.
 """
 
 from __future__ import annotations

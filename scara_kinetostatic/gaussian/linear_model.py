@@ -253,7 +253,7 @@ def at_levels(
 
 def penalised(inner: Projected, weights: Floats) -> tuple[float, Floats, Floats]:
     """-2 log restricted likelihood, up to a constant, at sizes of the columns, (c,); the covariance of their values in
-    these units, (c, c), and the values less their sign, (c,).
+    these units, (c, c), and the values negated, (c,).
     """
     matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
     factor = linalg.cholesky(matrix, lower=True, check_finite=False)
@@ -315,7 +315,8 @@ def estimate_sizes(
         decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
         if decrease < 0.01:
             break
-    return logs, 2 * np.diag(np.linalg.inv(hessian))  # of -2 log likelihood
+    # the Hessian is that of -2 log likelihood, where the last step began
+    return logs, 2 * np.diag(np.linalg.inv(hessian))
 
 
 def estimate_levels(inner: Projected, inverse: Floats, part: Floats, levels: Floats, weights: Floats) -> Floats:
