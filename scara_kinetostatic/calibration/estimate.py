@@ -372,7 +372,7 @@ def _begin(
         return observations, project(observations, warm_start.model, noise), first, 0
     noise = cell.noise or USUAL_NOISE
     # at first all that the cell description says counts as exactly known
-    stated = observations._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
+    stated = observations._replace(declared=None, errors=NO_ERRORS, reported=None, random=None, shift=None)
     some = _few_of_each(observations)
     near = evaluate(stated, start, first_guess(stated, start), noise, COARSE)
     fit = minimise(stated, near, everything, noise, COARSE, some)

@@ -197,16 +197,20 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
         names = zip(point.model.names, point.model.as_array().tolist(), strict=True)
         errors = observations.errors[: len(point.errors)] - point.errors
         step = np.concatenate([[values.get(name, value) - value for name, value in names], errors])
+        some, part, at = observations, point, np.arange(len(observations.joints))  # the touches that still move
         for _ in range(_ROUNDS):
-            before, expected = point, last_step(point, step).distance
-            adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, step)
-            point = evaluate(observations, model, adjusted, noise, arm=arm)
-            moving = np.flatnonzero(~(np.abs(point.distance - expected) <= 1e-3 * (1 + point.distance)))
+            before, expected = part, last_step(part, step).distance
+            adjusted, arm = adjust(some, model, part.adjusted, part.linear, part.whitened, step)
+            part = evaluate(some, model, adjusted, noise, arm=arm)
+            point = part if some is observations else Point(model, *put(point[1:5], at, part[1:5]), part.errors)
+            moving = np.flatnonzero(~(np.abs(part.distance - expected) <= 1e-3 * (1 + part.distance)))
             if not len(moving):
                 break
-            step = np.zeros(point.whitened.derivative.shape[2] + len(point.errors))
+            count = part.whitened.derivative.shape[2] + len(part.errors)
+            step, at, before = np.zeros(count), at[moving], select(before, moving)
+            some, part = some.select(moving), select(part, moving)
         else:  # near a kink of the model one may alternate; what still converges changes by less than it counts
-            point = _nearer(point, select(before, moving), moving)
+            point = _nearer(point, before, at)
         if near is None:
             return point
         if not np.isfinite(point.distance).all():

@@ -391,6 +391,7 @@ class Observations(NamedTuple):
         tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
         random: the random effects; None for none.
         known: what is known beforehand of the values of effects; None for nothing.
+        shift: δ, rad, and d, m, of the random effects with their values, (n, 2) each; None for none.
     """
 
     joints: Floats
@@ -406,6 +407,7 @@ class Observations(NamedTuple):
     tangents: Floats | None = None
     random: RandomEffects | None = None
     known: Prior | None = None
+    shift: tuple[Floats, Floats] | None = None
 
     @property
     def prior(self) -> Prior | None:
@@ -426,9 +428,11 @@ class Observations(NamedTuple):
                 radii=self.declared.radii(own)[surface],
                 tangents=None if self.tangents is None else self.declared.tangents(own)[surface],
             )
+        shift = None
         if self.random is not None:
-            force = force - self.random.changes[2] @ self.random_values(errors)
-        return changed._replace(force=force, errors=errors)
+            joints, place, sensor = self.random.changes @ self.random_values(errors)
+            force, shift = force - sensor, (joints, place)
+        return changed._replace(force=force, errors=errors, shift=shift)
 
     def random_values(self, errors: Floats) -> Floats:
         """The values of the random effects among all errors, (k,)."""
@@ -464,10 +468,7 @@ class Observations(NamedTuple):
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
         problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, self.edges)
-        if self.random is None:
-            return problem
-        joints, place = self.random.changes[:2] @ self.random_values(self.errors)
-        return problem.shifted_by(joints, place)._replace(off_normal=off_normal)
+        return problem if self.shift is None else problem.shifted_by(*self.shift)._replace(off_normal=off_normal)
 
 
 def observe(

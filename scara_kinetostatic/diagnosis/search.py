@@ -261,7 +261,8 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
         every = c.changed(used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
             found.append(identify(every, known, _plain(every, known, keeps_touches=True)))
-    if c.cell.noise is None and not any(item.named for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
+    is_noise = not any(item.named for item in found) or advice.implausible_noise(c) is not None
+    if c.cell.noise is None and is_noise and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
         if usual is not None and len(usual.touches) == len(c.touches):
             usual = usual.changed(cell=c.cell)

@@ -68,11 +68,12 @@ def test_too_few_touches_from_elsewhere_name_no_file():
         calibrate_touches(few.select(np.arange(0)), CELL, sources=['empty.csv'])
 
 
-def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(monkeypatch):
+@pytest.mark.parametrize('seed', [4, 9, 16])
+def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(monkeypatch, seed):
     diagnosed, label = [], 'object_position[disc_2]'
     monkeypatch.setattr(pipeline, 'diagnose', lambda c: diagnosed.append(c) or diagnose(c))
     robot = ExtendedModel(PAPER_ACTUAL, (find(CELL, label),), ((5e-3, 2e-3),))
-    touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=14), CELL.noise, 4)
+    touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=14), CELL.noise, seed)
     outcome = calibrate_touches(touches, replace(CELL, noise=None))
     assert len(diagnosed) == 1
     assert outcome.diagnosis.verdict == 'explained'
