@@ -69,7 +69,8 @@ class Stage(NamedTuple):
         robust: Cauchy's loss instead of the sum of squares.
         tolerance: a step that moves all predictions together by fewer standard deviations than this ends the run.
         per_touch: the same for the root mean square over the touches; the larger bound counts. The last stage has to
-            be exact, the others need not be, unless there are effects, which may be far from linear.
+            be exact, the others need not be, unless there are effects, which may be far from linear. A run ends, too,
+            at a step that is negligible (`solver`).
         damping: least damping. With 1, a direction of L̄ whose whole plausible range hardly shows in the data (singular
             value below 1) is not changed before its identifiability has been examined.
     """
@@ -224,7 +225,7 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
 
 def _nearer(point: Point, other: Point, at: Indices) -> Point:
     """A point with some touches, (m,), adjusted otherwise, where this brings them nearer."""
-    nearer = other.distance < point.distance[at]
+    nearer = (other.distance < point.distance[at]) | np.isnan(point.distance[at])
     return Point(point.model, *put(point[1:5], at[nearer], select(other, nearer)[1:5]), point.errors)
 
 

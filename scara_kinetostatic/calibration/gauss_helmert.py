@@ -230,8 +230,8 @@ def adjust(
         joints = np.where(close[:, None], joints, o.joints)
         force = np.where(close[:, None], force, _turned_radial(o, model, adjusted.state))
     state = place_force(o, model, joints, force, adjusted.state)
-    off_normal = None
-    if linear.by_off_normal is not None:
+    off_normal = np.zeros(len(close)) if model.off_normal_std else None
+    if off_normal is not None and linear.by_off_normal is not None:
         off_normal = -model.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
     state, arm = solve_links(model, o.contact_problem(joints, off_normal), state, frozen, again=True)
     return Adjusted(joints, force, state, off_normal), arm

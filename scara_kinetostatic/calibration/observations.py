@@ -391,7 +391,7 @@ class Observations(NamedTuple):
         tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
         random: the random effects; None for none.
         known: what is known beforehand of the values of effects; None for nothing.
-        shift: δ, rad, and d, m, of the random effects with their values, (n, 2) each; None for none.
+        shift: δ, rad, and d, m, of the random effects with their values, (n, 2) each; None where they are zero.
     """
 
     joints: Floats

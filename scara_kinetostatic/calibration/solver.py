@@ -3,7 +3,7 @@
 A fit may make the changes of a `Subspace`; what is known of them beforehand is its `ActivePrior`.
 
 One step is linearisation (`evaluate`), descent (`least_squares.damped_step`), trial (`moved`) and acceptance
-(a lower cost). In scaled parameters a start 20 mm and 3° off takes five or six steps.
+(a lower cost, or a short step). In scaled parameters a start 20 mm and 3° off takes five or six steps.
 
 The estimation runs it in stages: coarse, with the observations as measured and Cauchy's loss; robust, with adjusted
 observations and the same loss, so that outliers have little weight; final, with the sum of squares over the used
@@ -26,8 +26,8 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 _SHORT = 3e-3
-"""Standard deviations, of all predictions together, by which a step moves no parameter by anything that counts; with
-1e-3, 3600 touches with dead bands took 9 steps in place of 3.
+"""Standard deviations, of all predictions together, by which an undamped step moves no parameter by anything that
+counts; with 1e-3, 3600 touches with dead bands took 9 steps in place of 3.
 """
 
 
@@ -132,8 +132,8 @@ class Fit(NamedTuple):
     """Where a run ended, and how.
 
     Attributes:
-        point: the last accepted point.
-        system: the compressed system there, in y and the declared errors.
+        point: where it ended.
+        system: the compressed system at the last point evaluated, in y and the declared errors.
         iterations: steps tried.
         termination: how it ended.
         prior_cost: squared residuals of what is known beforehand, together.
@@ -239,7 +239,7 @@ def minimise(
         trial = moved(observations, point, change, noise, stage, iteration > 12)
         cost = loss.cost(trial, scale)
         # a step is taken that raises the cost by no more than rounding, or is too short to do more
-        if isfinite(cost) and (last or shift < _SHORT or cost <= now * (1 + 1e-9)):
+        if isfinite(cost) and (last or _is_negligible(shift, now) or cost <= now * (1 + 1e-9)):
             point, damping = trial, max(stage.damping, damping / 10.0 if damping > 1e-6 else 0.0)
             system, scale = loss.system(point, basis)
             now = loss.cost(point, scale)

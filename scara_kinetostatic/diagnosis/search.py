@@ -266,7 +266,7 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
         usual = fit_again(c, cell=replace(c.cell, noise=USUAL_NOISE))
         if usual is not None and len(usual.touches) == len(c.touches):
             usual = usual.changed(cell=c.cell)
-            with suppress(UnsupportedDataError):
+            with suppress(np.linalg.LinAlgError, UnsupportedDataError):
                 found.append(identify(usual, known, _plain(usual, known)))
     best = _likeliest(found)
     # effects may hide off-normal angles in the base model

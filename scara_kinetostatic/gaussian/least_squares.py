@@ -56,6 +56,7 @@ def compress(
     rows[:k], rows[k] = derivative.transpose(2, 1, 0), -residual.T
     if weights is not None:
         rows *= np.sqrt(weights)
+        rows[:, :, weights == 0] = 0.0  # not finite, it may be without weight
     triangle = upper_triangle(rows.reshape(k + 1, -1).T, overwrite=True)
     if prior is not None:
         triangle = upper_triangle(np.concatenate([triangle, prior]))

@@ -62,7 +62,7 @@ def put(item: T, which: Any, part: T) -> T:
     """An array, or a tuple of such, with some touches in place of those that were there."""
 
     def placed(array: Any, values: Any) -> Any:
-        array = array.copy()
+        array = array.copy(order='K')  # touches may be the last axis in memory
         array[which] = values
         return array
 

@@ -534,7 +534,7 @@ def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata |
     """
     if not (model.effects and model.has_sensor_error):
         return reported
-    force, most = reported, np.abs(reported).max(initial=0.0)
+    force, most = reported, np.fmax.reduce(np.abs(reported), axis=None, initial=0.0)
     inverse, before = None, np.inf
     with np.errstate(all='ignore'):
         # Newton steps at most
