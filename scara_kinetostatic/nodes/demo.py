@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import random
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -80,49 +81,70 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
     given |= {f'touch_runner:{name}': value for name, value in running.items()}
     arguments = [part for name, value in given.items() for part in ('-p', f'{name}:={ros_value(value)}')]
     os.environ.update(THIS_MACHINE)
-    rclpy.init(
-        args=['--ros-args', '--log-level', 'error', *arguments],
-        domain_id=free_domain(),
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
     nodes: list[CellNode] = []
-    try:
-        nodes.append(ContactSimulator())
-        nodes.append(runner := TouchRunner())
-        truth = [nodes[0].get_parameter(f'truth.{name}').value for name in NAMES]
-        state = _spin(nodes[0], runner, progress)
-    except ParameterException as error:
-        raise InputError('demo', str(error)) from error
-    finally:
-        for node in nodes:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-        set_logger_level('', LoggingSeverity.INFO)  # it belongs to the process
+    with own_domain() as domain:
+        arguments = ['--ros-args', '--log-level', 'error', *arguments]
+        rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            nodes.append(ContactSimulator())
+            nodes.append(runner := TouchRunner())
+            truth = [nodes[0].get_parameter(f'truth.{name}').value for name in NAMES]
+            state = _spin(nodes[0], runner, progress)
+        except ParameterException as error:
+            raise InputError('demo', str(error)) from error
+        finally:
+            for node in nodes:
+                node.close()
+                node.destroy_node()
+            rclpy.try_shutdown()
+            set_logger_level('', LoggingSeverity.INFO)  # it belongs to the process
     results = folder / RESULT
     if not (results / YAML).exists():
         raise UnsupportedDataError(f'touch_runner: {state["text"]}; {state["result"]}')
     return DemoResult(state['text'], truth, load_result(results / YAML), Path(state['recording']), results)
 
 
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS domain that no process on this machine uses, chosen at random, and kept from others that look for one.
+
+    Two that look at the same time would both find the ports of DDS free until the first participant has bound them,
+    seconds later where a process is started: the one who holds TCP port 7400 + 250 d, of which DDS makes no use, has
+    the domain.
+    """
+    domains = _domains()
+    with socket.socket() as lock:
+        yield next((one for one in domains if is_free(one) and not _is_taken(lock, 7400 + 250 * one)), domains[0])
+
+
 def free_domain() -> int:
     """A ROS domain that no process on this machine uses, chosen at random."""
-    possible = range(1, 100)
-    domains = random.sample(possible, len(possible))  # their ports lie below those that Linux hands out
+    domains = _domains()
     return next((domain for domain in domains if is_free(domain)), domains[0])
 
 
+def _domains() -> list[int]:
+    """Those whose ports lie below the ones that Linux hands out, in any order."""
+    return random.sample(range(1, 100), 99)
+
+
 def is_free(domain: int) -> bool:
-    """Whether the ports of the domain (DDSI-RTPS) are free: 7400 + 250 d, and 7410 + 250 d of its first participant,
-    which alone is bound where a process discovers others on this machine only.
+    """Whether nobody holds the domain (`own_domain`) and its ports (DDSI-RTPS) are free: 7400 + 250 d, and 7410 + 250 d
+    of its first participant, which alone is bound where a process discovers others on this machine only.
     """
-    for port in (7400, 7410):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', port + 250 * domain))
-            except OSError:
+    for kind, port in ((socket.SOCK_STREAM, 7400), (socket.SOCK_DGRAM, 7400), (socket.SOCK_DGRAM, 7410)):
+        with socket.socket(socket.AF_INET, kind) as probe:
+            if _is_taken(probe, port + 250 * domain):
                 return False
     return True
+
+
+def _is_taken(probe: socket.socket, port: int) -> bool:
+    try:
+        probe.bind(('', port))
+    except OSError:
+        return True
+    return False
 
 
 def ros_value(value: object) -> str:

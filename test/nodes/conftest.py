@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -25,15 +24,14 @@ from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.model.arm import CalibratedArm  # noqa: E402
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Sensor  # noqa: E402
 from scara_kinetostatic.nodes.cell_node import CellNode  # noqa: E402
-from scara_kinetostatic.nodes.demo import THIS_MACHINE, is_free, ros_value  # noqa: E402
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, own_domain, ros_value  # noqa: E402
 
 
 @pytest.fixture
-def domain() -> int:
-    """Of the domains of this worker, one that is free: two workers never choose the same one."""
-    number = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
-    domains = range(1 + number % 8, 100, 8)
-    return next(one for one in random.sample(domains, len(domains)) if is_free(one))
+def domain() -> Iterator[int]:
+    """One that nothing else on this machine has, whatever it runs beside these tests."""
+    with own_domain() as number:
+        yield number
 
 
 def begin(domain: int, *arguments: str, **parameters: object) -> None:

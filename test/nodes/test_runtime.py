@@ -8,6 +8,7 @@ import sys
 from time import monotonic, sleep
 
 import pytest
+import rclpy
 import yaml
 from builtin_interfaces.msg import Time
 from nodes.waiting import WAIT
@@ -18,7 +19,7 @@ from scara_kinetostatic.files.yaml_file import node_sections
 from scara_kinetostatic.nodes import cell_node
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.demo import free_domain, is_free
+from scara_kinetostatic.nodes.demo import free_domain, is_free, own_domain
 from scara_kinetostatic.nodes.runtime import say_what_is_unused
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
@@ -68,17 +69,28 @@ def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name, number):
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
 
 
-def test_a_domain_in_which_a_node_discovers_this_machine_alone_is_not_free(bench, domain):
-    assert is_free(domain)
-    bench(ContactSimulator)
+def test_a_domain_in_which_a_node_discovers_this_machine_alone_is_not_free():
+    domain = free_domain()
+    rclpy.init(domain_id=domain)
+    node = ContactSimulator()
     assert not is_free(domain)
+    node.close()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    assert is_free(domain)
+
+
+def test_a_domain_that_one_has_is_kept_from_others_before_anything_runs_in_it():
+    with own_domain() as domain:
+        assert not is_free(domain)
+    assert is_free(domain)
 
 
 @pytest.mark.parametrize(('given', 'line'), [
     (['-p', 'cell:={wrong}'], '{wrong}'),
     (['--params-file', '/no/file.yaml'], '/no/file.yaml: there is no such file; check the path'),
 ])  # fmt: skip
-def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tmp_path):
+def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tmp_path, domain):
     wrong = tmp_path / 'cell.yaml'
     wrong.write_text('robot: {}')
     ended = subprocess.run(
@@ -89,7 +101,7 @@ def test_a_wrong_cell_or_parameter_file_is_one_line_and_status_2(given, line, tm
             '--ros-args',
             *(part.format(wrong=wrong) for part in given),
         ],
-        env=os.environ | {'ROS_DOMAIN_ID': str(free_domain())},
+        env=os.environ | {'ROS_DOMAIN_ID': str(domain)},
         capture_output=True,
         text=True,
         timeout=WAIT,
