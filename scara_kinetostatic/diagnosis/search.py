@@ -282,9 +282,13 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
         sure = float(special.expit((best.deviance - with_angles.deviance) / 2))
         if sure >= FOUND:
             best = _likeliest([*found, with_angles._replace(angles_probability=sure)])
-    is_small = all(map(is_placed, best.named))  # a small wave is in the fit
-    best = best._replace(without=(best.weighed, plain) if is_small else (plain,))
-    return naming(best, known, best.wanted) if best.angles or best.named else best
+    named = naming(best, known, best.wanted) if best.angles or best.named else best
+    if named.weighed.odds.none < POSSIBLE:
+        return named
+    # a small wave is placed by a fit; the fit that all began at may explain nothing where this one does
+    placed = [effect.label for effect in best.named if is_placed(effect)]
+    small = naming(best, known, placed).weighed
+    return named._replace(without=(small, plain) if len(placed) == len(best.named) else (plain, small))
 
 
 def _plain(c: Calibration, known: Sequence[Effect], *, keeps_touches: bool = False) -> Weighed:
