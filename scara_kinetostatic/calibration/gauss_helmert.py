@@ -121,8 +121,7 @@ def linearise(
     misclosure = pairs(e.h) + np.einsum('kin,nk->ni', by.T, off)
     parts = [] if o.declared is None else [_by_errors(o, model, adjusted.force, state, by_force)]
     if o.random is not None:
-        units = unit_changes(e, by_force, adjusted.force)
-        parts.append(np.sum([unit @ change for unit, change in zip(units, o.random.changes, strict=True)], axis=0))
+        parts.append(np.concatenate(unit_changes(e, by_force, adjusted.force), axis=2) @ o.random.changes)
     by_errors, by_angle = np.concatenate(parts, axis=-1) if parts else None, None
     if model.effects and model.off_normal_std:
         by_off_normal = off_normal_derivative(model, e)

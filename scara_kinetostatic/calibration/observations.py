@@ -316,7 +316,8 @@ class RandomEffects(NamedTuple):
     Attributes:
         columns: what they are, k of them, those of the robot first.
         size: prior standard deviation of each, (k,), in its unit.
-        changes: δ, rad, d, m, and e, N, in the sensor's frame, by one standard deviation of each, (3, n, 2, k).
+        changes: δ, rad, d, m, and e, N, in the sensor's frame, by one standard deviation of each, two
+            components each, (n, 6, k).
         stated: declared standard deviations by label or name of the effect.
     """
 
@@ -330,13 +331,13 @@ class RandomEffects(NamedTuple):
         cls, columns: Sequence[Column], size: Floats, at: TouchState, force: Floats, stated: dict[str, float]
     ) -> RandomEffects:
         """Columns of some sizes at touches with true forces in the sensor's frame (n, 2), N."""
-        changes = np.zeros((3, len(force), 2, len(columns)))
+        changes = np.zeros((len(force), 6, len(columns)))
         errors = {c[:2]: c.effect.sensor_error_derivative(force, np.array(c.values), at.metadata) for c in columns}
         for number, (column, shift) in enumerate(zip(columns, derivatives(columns, at), strict=True)):
             error = errors[column[:2]]
             for kind, part in enumerate((*shift, error[column.parameter] if error else None)):
                 if part is not None:
-                    changes[kind, :, :, number] = part
+                    changes[:, 2 * kind : 2 * kind + 2, number] = part
         return cls(tuple(columns), size, changes * size, stated)
 
     def resized(self, factor: Floats) -> RandomEffects:
@@ -345,7 +346,7 @@ class RandomEffects(NamedTuple):
 
     def select(self, which: Any) -> RandomEffects:
         """At the touches that a mask, a slice or an array of positions picks."""
-        return self._replace(changes=self.changes[:, which])
+        return self._replace(changes=self.changes[which])
 
     def stated_size(self, column: Column) -> float:
         """The declared standard deviation of its effect; NaN where none is declared."""
@@ -430,7 +431,7 @@ class Observations(NamedTuple):
             )
         shift = None
         if self.random is not None:
-            joints, place, sensor = self.random.changes @ self.random_values(errors)
+            joints, place, sensor = np.split(self.random.changes @ self.random_values(errors), 3, axis=1)
             force, shift = force - sensor, (joints, place)
         return changed._replace(force=force, errors=errors, shift=shift)
 

@@ -10,12 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.linear_problem import INDEPENDENT_PART, Problem, fitted_effects, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import (
+    INDEPENDENT_PART,
+    Problem,
+    TrialColumns,
+    fitted_effects,
+    pose_problem,
+)
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
-from scara_kinetostatic.gaussian.linear_model import f_test, orthonormal
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.gaussian.linear_model import Additions, f_test, orthonormal
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 _PEAKS = 8
@@ -30,7 +36,9 @@ class Candidate(NamedTuple):
     Attributes:
         effect: the effect.
         trial: the trial.
-        unit: orthonormal basis of what its columns add to those of the base model, (2n, r).
+        changes: of the whitened misclosures by its columns, (2n, m), not multiplied by M.
+        explained: decrease of the sum of squares by it alone, beside the base model.
+        rank: of what its columns add to those of the base model.
         independent_part: largest part of a unit column of it that is independent of the base model.
         tried: how many trials the effect has.
         share: of the trial, with those about it, in all that the effect has.
@@ -38,7 +46,9 @@ class Candidate(NamedTuple):
 
     effect: Effect
     trial: Trial
-    unit: Floats
+    changes: Floats
+    explained: float
+    rank: int
     independent_part: float
     tried: int
     share: float = 1.0
@@ -50,24 +60,32 @@ class Scan(NamedTuple):
     Attributes:
         effect: the effect.
         trials: the trials.
-        columns: of all trials, (t, m, 2n).
+        columns: of all trials.
+        kept: which of them count, (t, m): not the only one of a trial where these touches do not tell it from the base
+            model.
         tried: how many trials the effect has in all.
         independent_part: largest part of a column that is independent of the base model.
+        square: inner products of the columns of each trial, (t, m, m).
         gram: inner products of the columns of each trial, projected off the base model, (t, m, m).
         projected: inner products of the columns with y, (t, m).
     """
 
     effect: Effect
     trials: Sequence[Trial]
-    columns: Floats
+    columns: TrialColumns
+    kept: Mask
     tried: int
     independent_part: float
+    square: Floats
     gram: Floats
     projected: Floats
 
     def candidate(self, problem: Problem, k: int, share: float) -> Candidate:
         """The effect at one of the trials, of some share."""
-        return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[k].T), self.tried, share)
+        gram, projected, square = (part[k : k + 1] for part in (self.gram, self.projected, self.square))
+        (explained,), (rank,), (part,) = Additions.of(gram, projected, square, problem.least_independent_part)
+        changes = self.columns.of_trial(k)
+        return Candidate(self.effect, self.trials[k], changes, explained, rank, part, self.tried, share)
 
     def best(self, problem: Problem, taken: set[int], beside: Floats | None = None) -> Candidate | None:
         """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it is among those
@@ -135,25 +153,26 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
             single.append((effect, trials[0]))
             continue
         scan = scan_trials(problem, effect, trials, len(trials))
-        if scan.columns.any():
+        if scan.gram.any():
             scans.append(scan)
         else:
             unidentifiable.append(Ranked.unidentifiable(effect, scan.independent_part))
-    for (effect, trial), (unit, part) in zip(single, problem.independent_parts(single), strict=True):
-        if unit.shape[1]:
-            found.append(Candidate(effect, trial, unit, part, 1))
+    changes, additions = problem.additions(single)
+    for (effect, trial), changed, explained, rank, part in zip(single, changes, *additions, strict=True):
+        if rank:
+            found.append(Candidate(effect, trial, changed, explained, rank, part, 1))
         else:
             unidentifiable.append(Ranked.unidentifiable(effect, part))
     taken = [set[int]() for _ in scans]
     alone = [scan.best(problem, some) for scan, some in zip(scans, taken, strict=True)]
-    partners = [item for item in found if item.effect in fitted]
+    partners = [(item.effect, problem.independent_part(item.trial)) for item in found if item.effect in fitted]
     for scan, some, first in zip(scans, taken, alone, strict=True):
-        beside = [scan.best(problem, some, partner.unit) for partner in partners if partner.effect != scan.effect]
+        beside = [scan.best(problem, some, unit) for effect, unit in partners if effect != scan.effect]
         found += filter(None, (first, *beside))
         if usual := scan.effect.usual_trials(problem.touch_state):
             few = scan_trials(problem, scan.effect, usual, len(usual))
             share = 0.5 / len(usual)  # all others together are as likely
-            found += [item for k in range(len(usual)) if (item := few.candidate(problem, k, share)).unit.size]
+            found += [item for k in range(len(usual)) if (item := few.candidate(problem, k, share)).rank]
     labels = {candidate.effect.label for candidate in found}
     others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
     return CandidateSet(tuple(found), tuple(others.values()))
@@ -168,7 +187,7 @@ def as_fitted(problem: Problem, effect: Effect, values: Floats) -> Candidate:
         if not effect.grid_parameter:  # a disc of few touches has one moment, at which a shift is linear
             errors = effect.sensor_error_derivative(problem.force, values, at.metadata)
             trial = Trial(effect.derivative(at, values), errors)
-        return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), 1)
+        return scan_trials(problem, effect, [trial], 1).candidate(problem, 0, 1.0)
     place = float(values[effect.grid_parameter_index])
 
     def off(trial: Trial) -> float:
@@ -197,7 +216,7 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
     gram, projected = scan.gram, scan.projected
     if beside is not None and beside.size:
-        part = scan.columns @ beside
+        part = scan.columns.products(problem.marginal.apply(beside)) * scan.kept[..., None]
         gram = gram - part @ part.transpose(0, 2, 1)
         projected = projected - part @ (beside.T @ problem.left)
     size = np.trace(gram, axis1=1, axis2=2)
@@ -210,21 +229,14 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
 
 
 def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
-    """Trials of an effect, of `tried` in all.
-
-    A column that these touches do not tell from the base model is 0 where it is the only one of its trial.
-    """
+    """Trials of an effect, of `tried` in all."""
     columns = problem.of_trials(trials)
-    along, left = columns @ problem.base, columns @ problem.left
-    gram = columns @ columns.transpose(0, 2, 1)
-    square = np.diagonal(gram, axis1=1, axis2=2)
-    gram = gram - along @ along.transpose(0, 2, 1)
-    independent = np.diagonal(gram, axis1=1, axis2=2)
-    part = np.sqrt(np.clip(np.divide(independent, square, out=np.zeros_like(square), where=square > 0), 0, 1))
-    if part.shape[1] == 1:
-        kept = part > problem.least_independent_part
-        columns, gram, left = columns * kept[:, :, None], gram * kept[:, :, None], left * kept
-    return Scan(effect, trials, columns, tried, float(part.max()), gram, left)
+    square, gram, left = problem.beside_base(columns)
+    whole, independent = (np.diagonal(part, axis1=1, axis2=2) for part in (square, gram))
+    part = np.sqrt(np.clip(np.divide(independent, whole, out=np.zeros_like(whole), where=whole > 0), 0, 1))
+    kept = (part > problem.least_independent_part) | (part.shape[1] > 1)
+    gram, most = gram * kept[:, :, None], float(part.max(initial=0.0))
+    return Scan(effect, trials, columns, kept, tried, most, square, gram, left * kept)
 
 
 def all_candidates(problem: Problem, effects: Sequence[Effect]) -> CandidateSet:
@@ -239,7 +251,9 @@ def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
 
     A fitted effect may add nothing that is independent of the base model; then it is not significant.
     """
-    p_value, share = f_test(candidate.unit, problem.left, problem.freedoms) or (1.0, 0.0)
+    total, rows = float(problem.left @ problem.left), len(problem.left)
+    tested = f_test(candidate.explained, candidate.rank, total, rows, problem.freedoms)
+    p_value, share = tested or (1.0, 0.0)
     return min(1.0, candidate.tried * p_value), share
 
 
@@ -295,8 +309,8 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         trials = effect.trials(at, problem.force) if effect.grid_parameter else ()
         if len(trials) < 2 or any(f'{effect.label}.{p.name}' in fit.fixed for p in effect.parameters):
             continue
-        others = [item.unit for k, item in enumerate(candidates) if k != number and item.unit.size]
-        beside = orthonormal(np.concatenate(others, axis=1)) if others else None
+        others = [item.trial for k, item in enumerate(candidates) if k != number and item.rank]
+        beside = orthonormal(np.concatenate([*map(problem.independent_part, others)], axis=1)) if others else None
 
         def gained(some: Sequence[Trial], effect: Effect = effect, beside: Floats | None = beside) -> Floats:
             return gains(problem, scan_trials(problem, effect, some, len(some)), beside)

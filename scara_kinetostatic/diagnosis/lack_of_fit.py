@@ -165,8 +165,10 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     for name, columns, noise in _families(c, point):
         changed = None if noise is None else noise.reshape(2 * n, -1)
         added = marginal.apply(columns.reshape(2 * n, -1))
-        unit, _ = independent_part(base, added, INDEPENDENT_PART_CAUTIOUS, changed, NOISE_SHARE)
-        tested = f_test(unit, residual, 2 * n - uninformative - base.shape[1], least)
+        unit = independent_part(base, added, INDEPENDENT_PART_CAUTIOUS, changed, NOISE_SHARE)
+        explained, total = float(np.square(unit.T @ residual).sum()), float(residual @ residual)
+        freedoms = 2 * n - uninformative - base.shape[1]
+        tested = f_test(explained, unit.shape[1], total, len(residual), freedoms, least)
         if tested is not None:
             dependences.append(Dependence(name, *tested))
     return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))

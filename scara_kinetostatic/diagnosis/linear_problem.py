@@ -17,7 +17,7 @@ achieve, false alarms and correct names on simulated cells, is measured by `benc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -28,7 +28,7 @@ from scara_kinetostatic.calibration.gauss_helmert import UnitChanges, noise_left
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Grid, Trial
-from scara_kinetostatic.gaussian.linear_model import Marginal, independent_part, independent_parts, orthonormal
+from scara_kinetostatic.gaussian.linear_model import Additions, Marginal, independent_part, orthonormal
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.extended_model import ForceDependence, TouchState, true_force
@@ -61,6 +61,48 @@ _MOST = 1000
 typical size in 13 of 19 kinds, not 12, and take twice as long."""
 
 
+class TrialColumns(NamedTuple):
+    """Columns of t trials of an effect, m each, for n touches.
+
+    Attributes:
+        unit: of each trial, (t, m, n, 2), or of all, (1, m, n, 2).
+        factors: by which those of all are multiplied in each, (t, m, n) or (t, 1, n).
+    """
+
+    unit: Floats
+    factors: Floats | None = None
+
+    def products(self, right: Floats) -> Floats:
+        """Inner products with columns (2n, k), (t, m, k)."""
+        t, m, n, _ = self.unit.shape
+        if self.factors is None:
+            return (self.unit.reshape(t * m, 2 * n) @ right).reshape(t, m, right.shape[1])
+        right = right.reshape(n, 2, -1)
+        each = (factor @ np.einsum('nc,nck->nk', unit, right) for factor, unit in self._pairs())
+        return np.stack([*each], axis=1)
+
+    def gram(self) -> Floats:
+        """Inner products of the columns of each trial, (t, m, m)."""
+        if self.factors is None:
+            t, m, n, _ = self.unit.shape
+            rows = self.unit.reshape(t, m, 2 * n)
+            return rows @ rows.transpose(0, 2, 1)
+        pairs = [*self._pairs()]
+        each = [[(one * other) @ (a * b).sum(axis=-1) for other, b in pairs] for one, a in pairs]
+        return np.array(each).transpose(2, 0, 1)
+
+    def of_trial(self, k: int) -> Floats:
+        """Columns of one of the trials, (2n, m)."""
+        some = self.unit[k] if self.factors is None else self.unit[0] * self.factors[k, :, :, None]
+        return some.reshape(len(some), 2 * self.unit.shape[2]).T
+
+    def _pairs(self) -> Iterator[tuple[Floats, Floats]]:
+        """Factor, (t, n), and unit, (n, 2), of each column."""
+        assert self.factors is not None
+        (unit,), (t, _, n) = self.unit, self.factors.shape
+        return zip(np.broadcast_to(self.factors, (t, len(unit), n)).swapaxes(0, 1), unit, strict=True)
+
+
 class Problem(NamedTuple):
     """The linear problem of n touches.
 
@@ -74,6 +116,8 @@ class Problem(NamedTuple):
         marginal: M, by which whitened rows are multiplied for what declared errors add to their covariance.
         base: orthonormal basis of J, (2n, r).
         left: y projected off J, (2n,).
+        seen: of columns that are not multiplied by M, what `base` and `left` see when they are, and their rows of
+            I - M², (2n, r + 1 + q).
         one_level: whether all forces are the same but for their noise, so that their differences are noise.
         response: derivative of L̄ by y, (12, 2n).
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
@@ -90,6 +134,7 @@ class Problem(NamedTuple):
     marginal: Marginal
     base: Floats
     left: Floats
+    seen: Floats
     one_level: bool
     response: Floats
     without_effects: Floats
@@ -106,40 +151,57 @@ class Problem(NamedTuple):
         """Degrees of freedom: rows less the rank of J."""
         return len(self.left) - self.base.shape[1]
 
-    def independent_part(self, columns: Floats) -> tuple[Floats, float]:
-        """`independent_part` of columns of an effect beside the base model."""
-        return independent_part(self.base, columns, self.least_independent_part)
+    def independent_part(self, trial: Trial) -> Floats:
+        """Orthonormal basis of what a trial adds to the base model, (2n, r)."""
+        return independent_part(self.base, self.columns(trial), self.least_independent_part)
 
     @property
     def least_independent_part(self) -> float:
         """Part of a unit column that must be independent of the base model."""
         return INDEPENDENT_PART_CAUTIOUS if self.one_level else INDEPENDENT_PART
 
-    def of_trials(self, trials: Sequence[Trial]) -> Floats:
-        """X of the trials of one effect, whitened, (t, m, 2n)."""
+    def of_trials(self, trials: Sequence[Trial]) -> TrialColumns:
+        """X of the trials of one effect, whitened but not multiplied by M."""
         if isinstance(trials, Grid):
-            unit = self.changes(trials.unit).T.reshape(-1, *self.force.shape)
-            changes = (trials.factors[..., None] * unit).reshape(-1, self.force.size).T
-        else:
-            changes = self.changes(*trials)
-        return self.marginal.apply(changes).T.reshape(len(trials), -1, self.force.size)
+            return TrialColumns(self.changes(trials.unit).T.reshape(1, -1, *self.force.shape), trials.factors)
+        return TrialColumns(self.changes(*trials).T.reshape(len(trials), -1, *self.force.shape))
 
     def columns(self, *trials: Trial) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
         return self.marginal.apply(self.changes(*trials))
 
-    def independent_parts(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, float]]:
-        """`independent_part` of effects of one trial, beside the noise in F̂ as well."""
+    def beside_base(self, columns: TrialColumns) -> tuple[Floats, Floats, Floats]:
+        """Inner products of columns multiplied by M, (t, m, m), of what is left of them beside J, (t, m, m), and of
+        that with y, (t, m).
+        """
+        rank = self.base.shape[1]
+        along, left, rest = np.split(columns.products(self.seen), [rank, rank + 1], axis=2)
+        gram = columns.gram() - rest @ rest.transpose(0, 2, 1)
+        return gram, gram - along @ along.transpose(0, 2, 1), left[..., 0]
+
+    def additions(self, single: Sequence[tuple[Effect, Trial]]) -> tuple[list[Floats], Additions]:
+        """What effects of one trial change, as of `changes`, (2n, m) each, and what they add to the base model, beside
+        the noise in F̂.
+        """
         grown = self.force * (self.larger_by_noise.magnitude / self.touch_state.magnitude)[:, None]
-        changed = [
-            effect.trials(self.larger_by_noise, grown)[0]
-            if effect.force_dependence is ForceDependence.ALL or trial.sensor_errors
-            else trial
-            for effect, trial in single
-        ]
-        columns, with_noise = np.split(self.columns(*(trial for _, trial in single), *changed), 2, axis=1)
-        noise, widths = with_noise - columns, [len(trial.columns) for _, trial in single]
-        return independent_parts(self.base, columns, widths, self.least_independent_part, noise, NOISE_SHARE)
+        depends = [e.force_dependence is ForceDependence.ALL or bool(trial.sensor_errors) for e, trial in single]
+        noisy = (item[0].trials(self.larger_by_noise, grown)[0] for item, x in zip(single, depends, strict=True) if x)
+        widths = np.array([len(trial.columns) for _, trial in single], dtype=np.intp)
+        of_noisy = np.repeat(depends, widths)
+        changes = self.changes(*(trial for _, trial in single), *noisy).T.reshape(-1, *self.force.shape)
+        columns, noise = changes[: len(of_noisy)], np.zeros((len(of_noisy), *self.force.shape))
+        noise[of_noisy] = changes[len(of_noisy) :] - columns[of_noisy]
+        explained, rank, part = np.zeros(len(single)), np.zeros(len(single), dtype=np.intp), np.zeros(len(single))
+        for width in np.unique(widths[widths > 0]):
+            at = np.flatnonzero(widths == width)
+            own = (np.cumsum(widths) - widths)[at, None] + np.arange(width)
+            square, gram, left = self.beside_base(TrialColumns(columns[own]))
+            made = self.beside_base(TrialColumns(noise[own]))[0] if of_noisy[own].any() else None
+            explained[at], rank[at], part[at] = Additions.of(
+                gram, left, square, self.least_independent_part, made, NOISE_SHARE
+            )
+        each = np.split(columns.reshape(len(columns), -1).T, np.cumsum(widths)[:-1], axis=1)
+        return each, Additions(explained, rank, part)
 
     def changes(self, *trials: Trial) -> Floats:
         """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M."""
@@ -185,6 +247,8 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
     effects = point.whitened.derivative[:, :, count:].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
     by_unit = unit_changes(equations, point.linear.by_force, point.adjusted.force)
+    left = y - base @ (base.T @ y)
+    by_base_and_left = marginal.apply(np.column_stack([base, left]))
     return Problem(
         calibration=c,
         point=point,
@@ -194,7 +258,8 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
         larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, root, c.noise, 0)),
         marginal=marginal,
         base=base,
-        left=y - base @ (base.T @ y),
+        left=left,
+        seen=np.concatenate([by_base_and_left, marginal.basis * marginal.part], axis=1),
         one_level=bool(np.std(state.magnitude) < FORCE_LEVELS * c.noise.force_at(float(state.magnitude.mean()))),
         response=response,
         without_effects=response @ y,

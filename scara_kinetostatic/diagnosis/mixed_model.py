@@ -384,17 +384,18 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     is_estimated = c.cell.noise is None
     of_joints = whitened_square(point.linear.by_joints * c.noise.joint_rms, point.whitened.root)
     levels = levels if is_estimated else np.ones(2)
-    logs = start
-    for _ in range(6 if is_estimated else 1):
-        inverse = inverse_roots(of_joints, levels)
-        inner = at_levels(inverse, fitted, columns, residual, trusted)
+    logs, inverse = start, inverse_roots(of_joints, levels)
+    inner = at_levels(inverse, fitted, columns, residual, trusted)
+    for _ in range(6):
         logs, variance = estimate_sizes(inner, sizes.group, logs, sizes.freedoms, held=expected)
         weights, before = weights_of(sizes.group, logs), levels
-        levels = estimate_levels(inner, inverse, of_joints, levels, weights) if is_estimated else levels
+        if not is_estimated:
+            break
+        levels = estimate_levels(inner, inverse, of_joints, levels, weights)
+        inverse = inverse_roots(of_joints, levels)
+        inner = at_levels(inverse, fitted, columns, residual, trusted)
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
-    inverse = inverse_roots(of_joints, levels)
-    inner = at_levels(inverse, fitted, columns, residual, trusted)
     deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
     l11, _, l22 = c.projection.whitened.root  # of rejected touches, too: of as many densities
     deviance += 2 * np.log(np.abs(np.diag(inner.triangle))).sum()

@@ -33,12 +33,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
-from scipy.linalg import lapack
+from scipy.linalg import blas
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
@@ -117,21 +117,25 @@ class LinearProblem(NamedTuple):
         base, triangle = np.linalg.qr(fitted)
         beside = np.column_stack([columns, residual])
         along = base.T @ beside
-        rest = beside - base @ along
+        beside -= base @ along
         constant += 2 * float(np.log(np.abs(np.diag(triangle))).sum())
         freedoms = len(residual) - fitted.shape[1]
-        return cls(rest.T @ rest, freedoms, is_declared, noise_given, constant, triangle, along)
+        return cls(beside.T @ beside, freedoms, is_declared, noise_given, constant, triangle, along)
 
     def log_likelihood(self, square: Floats, log_determinant: Floats) -> Floats:
         """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""
-        nu = self.freedoms
-        square = np.maximum(square, 1e-8 * nu)  # whitened, less is rounding
-        log = -0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu)
-        if self.noise_given:
-            stated = np.log1p(-UNDERSTATED) - 0.5 * square
-            larger = np.logaddexp(stated, log + np.log(UNDERSTATED / np.log(_MOST_NOISE)))
-            log = np.where(square > nu, larger, stated)
+        nu, square = self.freedoms, np.maximum(square, 1e-8 * self.freedoms)  # whitened, less is rounding
+        if not self.noise_given:
+            return self._of_unknown_noise(square) - 0.5 * log_determinant
+        log = np.log1p(-UNDERSTATED) - 0.5 * square
+        too_large = square > nu
+        larger = self._of_unknown_noise(square[too_large]) + np.log(UNDERSTATED / np.log(_MOST_NOISE))
+        log[too_large] = np.logaddexp(log[too_large], larger)
         return np.asarray(log - 0.5 * log_determinant)
+
+    def _of_unknown_noise(self, square: Floats) -> Floats:
+        nu = self.freedoms
+        return np.asarray(-0.5 * nu * (np.log(square / nu) + 1) + 0.5 * np.log(np.pi / nu))
 
 
 class _State(NamedTuple):
@@ -258,8 +262,8 @@ def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str
 
 
 def _solved(factor: Floats, right: Floats) -> Floats:
-    """L⁻¹ B; of no rows none, which LAPACK refuses."""
-    return np.asarray(lapack.dtrtrs(factor, right, lower=1)[0]) if len(factor) else right
+    """L⁻¹ B; of no rows none, which BLAS refuses."""
+    return np.asarray(blas.dtrsm(1.0, factor.T, right.T, side=1).T) if len(factor) else right
 
 
 def _state(p: LinearProblem, tau: float) -> _State:
@@ -268,7 +272,8 @@ def _state(p: LinearProblem, tau: float) -> _State:
     widths = np.where(p.is_declared, 1.0, tau)
     factor = np.asarray(np.linalg.cholesky(np.eye(c) + widths[:, None] * p.gram[:c, :c] * widths), dtype=np.float64)
     half = _solved(factor, widths[:, None] * p.gram[:c, c:])
-    return _State(widths, factor, half, p.gram[c:, c:] - half.T @ half)
+    explained = half.T @ half
+    return _State(widths, factor, half, np.subtract(p.gram[c:, c:], explained, out=explained))
 
 
 class _Scan:
@@ -367,6 +372,7 @@ class _Scan:
         """The sets that are likeliest at the likeliest sizes of the small parts, by one size for all gross effects."""
         effects = np.sort(self.effect[sets], axis=1)
         sets = sets[(np.diff(effects) > 0).all(axis=1)]  # of different effects
+        sets = np.take_along_axis(sets, np.argsort(-self.widths[sets], axis=1, kind='stable'), axis=1)
         guess, likeliest = np.empty(len(sets)), int(np.argmax(self.bare))
         states = np.unique([likeliest, min(likeliest, 2)])
         for at, widths, gram in self._alike(sets, states):
@@ -452,36 +458,39 @@ def components(
     b, c = len(p.along), len(p.is_declared)
     by_base = lift[:, :b] @ linalg.solve_triangular(p.triangle, np.eye(b), check_finite=False)
     by_columns = np.pad(lift[:, b:], ((0, 0), (0, 1))) - by_base @ p.along  # the last: the mean without gross effects
-    plain = dict[int, tuple[Floats, Floats]]()
+    of_base, small = by_base @ by_base.T, dict[int, Floats]()
     for number in {part.state for group in parts for part in group}:
         state = states[number]
-        small = _solved(state.factor, state.widths[:, None] * by_columns[:, :c].T).T
-        plain[number] = small @ small.T + by_base @ by_base.T, by_columns[:, c:] - small @ state.half
+        small[number] = _solved(state.factor, state.widths[:, None] * by_columns[:, :c].T).T
+    without = {number: of_base + by_small @ by_small.T for number, by_small in small.items()}
+    alike = defaultdict[tuple[int, int], list[SizedSet]](list)
+    for part in dict.fromkeys(chain(*parts)):
+        alike[part.state, sum(len(forms[k].columns) for k in part.forms)].append(part)
+    solved = dict[SizedSet, tuple[Floats, Floats, float]]()  # mean, roots of the covariance beside C, factor of both
+    for (number, _), some in alike.items():
+        gram = states[number].gram
+        own = [[forms[k].columns for k in part.forms] for part in some]
+        columns = np.array([np.concatenate([*one, []]) for one in own], dtype=np.intp)
+        sizes = (np.repeat(x.sizes, [len(k) for k in one]) for x, one in zip(some, own, strict=True))
+        precision = np.power(np.array(list(sizes)), -2.0)[:, :, None] * np.eye(columns.shape[1])
+        root = np.linalg.cholesky(gram[columns[:, :, None], columns[:, None, :]] + precision)
+        places = np.append(columns, len(gram) - 1)
+        *change, middle = (by_columns[:, c + places] - small[number] @ states[number].half[:, places]).T
+        right = [np.reshape(change, (*columns.shape, len(lift))), gram[columns, -1:]]
+        rows = np.linalg.solve(root, np.concatenate(right, axis=2))
+        rows, y = rows[..., :-1], rows[..., -1:]
+        noise = np.ones(len(some)) if p.noise_given else (gram[-1, -1] - (y**2).sum(axis=(1, 2))) / p.freedoms
+        mean = middle - (rows * y).sum(axis=1)
+        solved |= zip(some, zip(mean, np.sqrt(noise)[:, None, None] * rows, noise.tolist(), strict=True), strict=True)
     found = list[Component]()
     for group in parts:
-        means, roots, weights = list[Floats](), list[Floats](), list[Floats]()
-        second, most = np.zeros((len(lift),) * 2), max(part.log for part in group)
-        alike = defaultdict[tuple[int, int], list[SizedSet]](list)
-        for part in group:
-            alike[part.state, sum(len(forms[k].columns) for k in part.forms)].append(part)
-        for (number, _), some in alike.items():
-            gram, (covariance, change) = states[number].gram, plain[number]
-            own = [[forms[k].columns for k in part.forms] for part in some]
-            columns = np.array([np.concatenate([*one, []]) for one in own], dtype=np.intp)
-            each = (np.repeat(x.sizes, [len(k) for k in one]) for x, one in zip(some, own, strict=True))
-            precision = np.power(np.array(list(each)), -2.0)[:, :, None] * np.eye(columns.shape[1])
-            root = np.linalg.cholesky(gram[columns[:, :, None], columns[:, None, :]] + precision)
-            right = [change[:, columns].transpose(1, 2, 0), gram[columns, -1:]]
-            rows = np.linalg.solve(root, np.concatenate(right, axis=2))
-            rows, y = rows[..., :-1], rows[..., -1:]
-            noise = np.ones(len(some)) if p.noise_given else (gram[-1, -1] - (y**2).sum(axis=(1, 2))) / p.freedoms
-            weight = np.exp([part.log - most for part in some])
-            weights.append(weight)
-            means.append(change[:, -1] - (rows * y).sum(axis=1))
-            roots.append((np.sqrt(weight * noise)[:, None, None] * rows).reshape(-1, len(lift)))
-            second += (weight @ noise) * covariance
-        weight, mean = np.concatenate(weights), np.concatenate(means)
-        total, middle = weight.sum(), weight @ mean / weight.sum()
-        scatter = np.concatenate([*roots, np.sqrt(weight)[:, None] * (mean - middle)])
-        found.append(Component(middle, (second + scatter.T @ scatter) / total))
+        weight = np.exp(np.array([part.log for part in group]) - max(part.log for part in group))
+        weight /= weight.sum()
+        means, roots, noise = zip(*(solved[part] for part in group), strict=True)
+        middle, off = weight @ np.array(means), np.sqrt(weight)
+        of_state = np.bincount([part.state for part in group], weight * noise, len(states))
+        covariance = sum(of_state[number] * without[number] for number in np.flatnonzero(of_state).tolist())
+        each = (x * rows for x, rows in zip(off, roots, strict=True))
+        scatter = np.concatenate([*each, off[:, None] * (np.array(means) - middle)])
+        found.append(Component(middle, covariance + scatter.T @ scatter))
     return found

@@ -226,7 +226,8 @@ def _gross_columns(
     for item, unit in zip(candidates, units, strict=True):
         if item.effect not in fitted:  # what the arm contains of an effect counts where it is named
             unit[[p.is_alias for p in item.effect.parameters][: len(unit)]] = 0.0
-    changes = problem.changes(*(item.trial for item in candidates)) * np.concatenate([*units, []])
+    every = [np.zeros((len(problem.left), 0)), *(item.changes for item in candidates)]
+    changes = np.concatenate(every, axis=1) * np.concatenate([*units, []])
     places = np.split(np.arange(changes.shape[1]), np.cumsum([len(unit) for unit in units])[:-1])
     of_values = np.full((size + by_errors.shape[1], changes.shape[1]), np.nan)
     for item, unit, at in zip(candidates, units, places, strict=True):

@@ -17,14 +17,13 @@ and Hypothesis Testing in Linear Models (1999), section 3.6, for Förstner's ste
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
 from scipy.special import chdtrc, fdtrc, fdtri
 
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
 _NO_RANK = 1e-9
 """Part of a unit column below which a direction adds no rank."""
@@ -52,6 +51,11 @@ class Marginal(NamedTuple):
             return cls(np.zeros((rows, 0)), np.zeros(0))
         basis, singular, _ = np.linalg.svd(columns, full_matrices=False)
         return cls(basis, 1 / np.sqrt(1 + singular**2) - 1)
+
+    @property
+    def part(self) -> Floats:
+        """Roots of the eigenvalues of I - M² in the basis, (r,)."""
+        return np.asarray(np.sqrt(-self.shrink * (2 + self.shrink)))
 
     def apply(self, rows: Floats) -> Floats:
         """M times a vector (m,) or columns (m, k)."""
@@ -104,8 +108,8 @@ def orthonormal(columns: Floats) -> Floats:
 
 def independent_part(
     base: Floats, columns: Floats, least: float, noise: Floats | None = None, most_noise: float = 1.0
-) -> tuple[Floats, float]:
-    """Orthonormal basis of what columns add to a fit, and their largest independent part.
+) -> Floats:
+    """Orthonormal basis of what columns add to a fit, (m, ≤ k).
 
     Args:
         base: orthonormal basis of the fit's columns, (m, r).
@@ -113,46 +117,82 @@ def independent_part(
         least: part of a unit column that must be independent of the fit.
         noise: their change by one standard deviation of the noise of what they depend on, (m, k); None for nothing.
         most_noise: share of its square up to which a direction may be made by that.
-
-    Returns:
-        The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
     """
-    return independent_parts(base, columns, [columns.shape[1]], least, noise, most_noise)[0]
-
-
-def independent_parts(
-    base: Floats, columns: Floats, widths: Sequence[int], least: float, noise: Floats | None, most_noise: float
-) -> list[tuple[Floats, float]]:
-    """`independent_part` of each of several groups of columns side by side, of some widths."""
-    size = np.linalg.norm(columns, axis=0)
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    scale = inverse_sizes(np.square(columns).sum(axis=0))
     columns = columns * scale
-    left = columns - base @ (base.T @ columns)
-    gram, made = left.T @ left, np.zeros((len(size),) * 2) if noise is None else (noise * scale).T @ (noise * scale)
-    found, first = list[tuple[Floats, float]](), 0
-    for width in widths:
-        at = slice(first, first := first + width)
-        square, vectors = np.linalg.eigh(gram[at, at])
-        independent = (square > least**2) & ((vectors * (made[at, at] @ vectors)).sum(axis=0) <= most_noise * square)
-        unit = left[:, at] @ (vectors[:, independent] / np.sqrt(square[independent]))
-        found.append((unit, min(1.0, float(square.max(initial=0.0)) ** 0.5)))
-    return found
+    left, made = columns - base @ (base.T @ columns), None if noise is None else (noise * scale).T @ (noise * scale)
+    square, vectors, independent = _directions(left.T @ left, least, made, most_noise)
+    return np.asarray(left @ (vectors[:, independent] / np.sqrt(square[independent])))
 
 
-def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
+class Additions(NamedTuple):
+    """What groups of columns, as wide as each other, add to a fit by themselves.
+
+    Attributes:
+        explained: decrease of its sum of squares, (k,).
+        rank: independent directions, (k,).
+        part: largest part of a unit column that is independent of the fit, (k,).
+    """
+
+    explained: Floats
+    rank: Indices
+    part: Floats
+
+    @classmethod
+    def of(
+        cls,
+        gram: Floats,
+        projected: Floats,
+        square: Floats,
+        least: float,
+        made: Floats | None = None,
+        most_noise: float = 1.0,
+    ) -> Additions:
+        """Of inner products of what is left of the columns beside the fit, (k, w, w), and of that with the residual,
+        (k, w), and of the columns themselves, (k, w, w).
+
+        `least` and `most_noise` as of `independent_part`; `made`: inner products of their changes by noise, (k, w, w).
+        """
+        scale = inverse_sizes(np.diagonal(square, axis1=1, axis2=2))
+        both = scale[:, :, None] * scale[:, None, :]
+        made = None if made is None else made * both
+        values, vectors, independent = _directions(gram * both, least, made, most_noise)
+        along = np.einsum('kij,ki->kj', vectors, projected * scale)
+        explained = np.divide(along**2, values, out=np.zeros_like(values), where=independent)
+        part = np.sqrt(np.clip(values.max(axis=1, initial=0.0), 0.0, 1.0))
+        return cls(explained.sum(axis=1), independent.sum(axis=1), part)
+
+
+def inverse_sizes(square: Floats) -> Floats:
+    """Of columns by their squares; 0 of those that are 0."""
+    return np.sqrt(np.divide(1.0, square, out=np.zeros_like(square), where=square > 0))
+
+
+def _directions(gram: Floats, least: float, made: Floats | None, most_noise: float) -> tuple[Floats, Floats, Mask]:
+    """Eigenvalues and eigenvectors of (..., w, w), and which of them are independent and not made by noise."""
+    square, vectors = np.linalg.eigh(gram)
+    independent = square > least**2
+    if made is not None:
+        independent &= (vectors * (made @ vectors)).sum(axis=-2) <= most_noise * square
+    return square, vectors, independent
+
+
+def f_test(
+    explained: float, rank: int, total: float, rows: int, freedoms: int, least: float = 0.0
+) -> tuple[float, float] | None:
     """p-value of "the columns explain nothing", and the part of the sum of squares that they explain; None if they add
     nothing testable.
 
     Args:
-        unit: orthonormal basis of what they add to the fit, (m, r).
-        residual: of the fit, (m,).
+        explained: the decrease of the sum of squares.
+        rank: of what they add to the fit.
+        total: sum of squares of the fit.
+        rows: of whitened measurements.
         freedoms: degrees of freedom without them.
         least: mean square that the residual has at least.
     """
-    rank, total = unit.shape[1], float(residual @ residual)
-    if rank == 0 or freedoms <= rank or total < 1e-8 * len(residual):  # whitened, less is rounding
+    if rank == 0 or freedoms <= rank or total < 1e-8 * rows:  # whitened, less is rounding
         return None
-    explained = float(np.sum((unit.T @ residual) ** 2))
     ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, _TINY)
     return float(fdtrc(rank, freedoms - rank, ratio)), explained / total
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, unit_vectors
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -169,9 +169,9 @@ def torque_phasors(
     force: NDArray[np.complex128] = points[..., 2] + 1j * points[..., 3]
     elbow = points[..., 1] + parameters.theta2
     if frame is SensorFrame.BASE:  # seen from the frame of link 2
-        force = force * np.exp(-1j * (points[..., 0] + parameters.theta1 + elbow))
+        force = force * unit_vectors(-(points[..., 0] + parameters.theta1 + elbow))
     second = parameters.l2 * force
-    return second + parameters.l1 * force * np.exp(1j * elbow), second
+    return second + parameters.l1 * force * unit_vectors(elbow), second
 
 
 def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:
@@ -264,6 +264,8 @@ class PlayState(NamedTuple):
 def play_limits(load: Floats, half_width: Floats | float, ratio: Floats | float = 0.0) -> tuple[Floats, Floats]:
     """The least and the largest p under a load, of the shape of all three together."""
     low, high = load - half_width, load + half_width
+    if not np.any(ratio):
+        return low, high
     return low / (1 + ratio * np.sign(low)), high / (1 - ratio * np.sign(high))
 
 

@@ -9,6 +9,7 @@ import pytest
 from calibration.studies import CELL, NOISE, touches
 from diagnosis.simulated import MORE, check_explained, deviations, effect, named, simulate
 
+from benchmark import odds
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.advice import open_questions
 from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
@@ -125,3 +126,12 @@ def test_a_wave_of_usual_size_at_one_frequency_is_no_gross_effect_and_in_the_fit
     assert found.is_undecided
     assert [one.label for one in found.refitted.model.effects] == [wave.label]
     assert np.abs(deviations(found.refitted)).max() < 4
+
+
+def test_where_no_fit_that_the_search_began_at_explains_the_touches_small_errors_do_where_it_ended():
+    """All small errors at three times their typical sizes, one touch rejected."""
+    task = odds.Task('', 300317, None)
+    drawn = odds.draw(task)
+    found = diagnose(calibrate(drawn.touches(task), drawn.cell))
+    assert (found.verdict, found.has_small_errors) == ('none', True)
+    assert found.refitted.p_value > 1e-3

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from scara_kinetostatic.gaussian.linear_model import (
+    Additions,
     Marginal,
     Projected,
     as_rare,
@@ -52,14 +53,33 @@ def test_a_basis_has_the_rank_of_its_columns():
 def test_a_direction_counts_where_it_is_independent_and_not_made_by_noise():
     base, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(20, 6)))
     fit, columns = base[:, :2], base[:, [0, 2, 3]] @ np.array([[1.0, 0, 1], [0.1, 0, 0], [0, 5, 0]])
-    unit, part = independent_part(fit, columns, 0.05)
-    assert unit.shape == (20, 2) and part == pytest.approx(1.0)
-    assert independent_part(fit, columns, 0.2)[0].shape == (20, 1)
+    assert independent_part(fit, columns, 0.05).shape == (20, 2)
+    assert independent_part(fit, columns, 0.2).shape == (20, 1)
     noise = np.zeros_like(columns)
     noise[:, 0] = 0.08 * base[:, 5]
-    assert independent_part(fit, columns, 0.05, noise)[0].shape == (20, 2)
-    assert independent_part(fit, columns, 0.05, noise, 0.5)[0].shape == (20, 1)
-    assert independent_part(fit, 0 * columns, 0.05)[1] == 0.0
+    assert independent_part(fit, columns, 0.05, noise).shape == (20, 2)
+    assert independent_part(fit, columns, 0.05, noise, 0.5).shape == (20, 1)
+    assert independent_part(fit, 0 * columns, 0.05).shape == (20, 0)
+
+
+@pytest.mark.parametrize('noise', [0.0, 0.08])
+def test_what_columns_add_is_what_their_independent_directions_explain(noise):
+    random = np.random.default_rng(6)
+    base = np.linalg.qr(random.normal(size=(20, 4)))[0]
+    columns, residual = random.normal(size=(2, 20, 3)), random.normal(size=20)
+    columns[1, :, 2] = columns[1] @ [1.0, 0.5, 0.0] + base @ random.normal(size=4)  # two directions
+    changed = noise * random.normal(size=columns.shape)
+    left = columns - base @ (base.T @ columns)
+    y = residual - base @ (base.T @ residual)
+    inner = [x.transpose(0, 2, 1) @ x for x in (left, columns, changed)]
+    found = Additions.of(inner[0], left.transpose(0, 2, 1) @ y, inner[1], 0.05, inner[2], 0.01)
+    for own, more, explained, rank in zip(columns, changed, found.explained, found.rank, strict=True):
+        unit = independent_part(base, own, 0.05, more, 0.01)
+        assert unit.shape[1] == rank
+        assert explained == pytest.approx(np.square(unit.T @ y).sum())
+    scaled = np.linalg.norm(left, axis=1) / np.linalg.norm(columns, axis=1)
+    assert ((found.part >= scaled.max(axis=1)) & (found.part <= 1)).all()
+    assert (found.rank.tolist() == [3, 2]) == (noise == 0.0)
 
 
 def test_f_test_is_that_of_the_textbook():
@@ -69,16 +89,15 @@ def test_f_test_is_that_of_the_textbook():
     values += 0.4 * design[:, 4]
     base, _ = np.linalg.qr(design[:, :3])
     residual = values - base @ (base.T @ values)
-    more, _ = np.linalg.qr(design[:, 3:] - base @ (base.T @ design[:, 3:]))
-    before = residual @ residual
+    before = float(residual @ residual)
     after = np.linalg.lstsq(design, values, rcond=None)[1][0]
     expected = stats.f.sf((before - after) / 2 / (after / 35), 2, 35)
-    assert f_test(more, residual, 37) == pytest.approx((expected, 1 - after / before))
-    assert f_test(more[:, :0], residual, 37) is None
-    assert f_test(more, residual, 2) is None
-    assert f_test(more, 0 * residual, 37) is None
+    assert f_test(before - after, 2, before, 40, 37) == pytest.approx((expected, 1 - after / before))
+    assert f_test(0.0, 0, before, 40, 37) is None
+    assert f_test(before - after, 2, before, 40, 2) is None
+    assert f_test(0.0, 2, 0.0, 40, 37) is None
     expected = stats.f.sf((before - after) / 2 / 4.0, 2, 35)  # where the noise is known to be larger
-    assert f_test(more, residual, 37, 4.0) == pytest.approx((expected, 1 - after / before))
+    assert f_test(before - after, 2, before, 40, 37, 4.0) == pytest.approx((expected, 1 - after / before))
 
 
 def test_chi_square_is_that_of_known_or_estimated_noise():
