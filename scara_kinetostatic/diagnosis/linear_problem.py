@@ -200,7 +200,7 @@ class Problem(NamedTuple):
             explained[at], rank[at], part[at] = Additions.of(
                 gram, left, square, self.least_independent_part, made, NOISE_SHARE
             )
-        each = np.split(columns.reshape(len(columns), -1).T, np.cumsum(widths)[:-1], axis=1)
+        each = np.split(columns.reshape(len(columns), -1).T, np.cumsum(widths), axis=1)[:-1]
         return each, Additions(explained, rank, part)
 
     def changes(self, *trials: Trial) -> Floats:

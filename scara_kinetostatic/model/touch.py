@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, unit_vectors
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -169,9 +169,9 @@ def torque_phasors(
     force: NDArray[np.complex128] = points[..., 2] + 1j * points[..., 3]
     elbow = points[..., 1] + parameters.theta2
     if frame is SensorFrame.BASE:  # seen from the frame of link 2
-        force = force * unit_vectors(-(points[..., 0] + parameters.theta1 + elbow))
+        force = force * np.exp(-1j * (points[..., 0] + parameters.theta1 + elbow))
     second = parameters.l2 * force
-    return second + parameters.l1 * force * unit_vectors(elbow), second
+    return second + parameters.l1 * force * np.exp(1j * elbow), second
 
 
 def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:
