@@ -24,8 +24,8 @@ from benchmark.rehearsal import Rehearsal
 from benchmark.svg import svg_file
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.report.figure import FAINT, IN_MICRO, SERIES, WARN, as_svg, new_figure, style
 from scara_kinetostatic.simulation.commanded import DEMO_CELL, ModelBody, Plant
 

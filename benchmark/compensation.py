@@ -25,8 +25,8 @@ from scara_kinetostatic.model.arm import CHUNK, CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World
 

@@ -32,7 +32,8 @@ from scara_kinetostatic.files.tables import load_table
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import Parameters, p_equals
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.quantities import p_equals
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.studies.loops.fit import FitSamples, FittedLaw, PredictedRecord, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS, RecordLaw

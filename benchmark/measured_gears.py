@@ -33,7 +33,7 @@ from scipy import stats
 from benchmark.common import in_processes, parser, save
 from benchmark.svg import svg_file
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.model.parameters import p_equals
+from scara_kinetostatic.model.quantities import p_equals
 from scara_kinetostatic.report.figure import INK, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.studies.loops.fit import FitSamples, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS

@@ -22,8 +22,9 @@ import numpy as np
 from benchmark.common import CELL
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.writer import write_streams
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.unnamed import Unnamed

@@ -59,9 +59,9 @@ from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.model.tip import direct_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.plan import Plan, default_plan

@@ -41,7 +41,7 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, EffectSizes, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, Parameter, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.tip import direct_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.streams import simulate_touches
 

@@ -39,8 +39,8 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import Cell, EffectSizes, Lift, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import MOMENTS
-from scara_kinetostatic.model.tip import direct_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import inside

@@ -23,12 +23,14 @@ From a recording to a compensated joint angle::
 What `__all__` names is stable, typed and loaded on first use. The packages, from the top; each imports only from those
 below it (`test/test_architecture.py` checks that):
 
-    nodes, cli     thin: ROS nodes and the command line convert, delegate, publish
+    cli, nodes     thin: the command line and ROS nodes convert, delegate, publish
     interface      the functions of this page
-    studies        design of recordings, dial gauge, hysteresis, the paper
+    studies        dial gauge, hysteresis, the paper
+    running        a run of touches, without ROS
     monitoring     does a calibration still hold? verification, comparison, drift, history, archives
     results        what a calibration prints and writes: text, JSON, ROS parameter file, page
     pipeline       from recordings or touches to the outcome
+    planning       the touches to make: design, the next ones, their order
     simulation     a simulated cell and its sensors
     contour        the outline of an object of unknown shape, from slides of the tip along it
     bags           recordings of all formats, read and written
@@ -39,6 +41,7 @@ below it (`test/test_architecture.py` checks that):
     diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
     calibration    from touches to the parameters, with their uncertainty
     effects        the physical effects that the base model lacks, by what they are of
+    gaussian       linear models with Gaussian errors: least squares, priors, tests, variance components
     model          parameters, cell, touches, kinematics, kinetostatics, contact; a calibrated arm in use
     threads        one thread for linear algebra
     errors         one root for all errors

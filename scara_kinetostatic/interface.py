@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import read_streams
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.fit_point import base_force, force_residual
+from scara_kinetostatic.calibration.noise import USUAL_NOISE
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.contour.result import Contour

@@ -20,15 +20,9 @@ from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
-from scara_kinetostatic.calibration.calibrate import (
-    calibrate,
-    check_units,
-    fixed_effects,
-    fixed_values,
-    held_out_force_error,
-    parse_fixed,
-)
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE
+from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects, fixed_values, parse_fixed
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.noise import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import LEAST_WITHIN
 from scara_kinetostatic.diagnosis.diagnose import diagnose

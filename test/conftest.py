@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.model.cell import MEASURED_DISCS, PAPER_DISCS, Cell, Disc, Noise
 from scara_kinetostatic.model.kinematics import forward, jacobian

@@ -85,6 +85,12 @@ def test_every_module_is_in_a_known_package() -> None:
     assert found == set(ORDER)
 
 
+def test_the_docstring_of_the_package_lists_them_from_the_top() -> None:
+    listed = re.findall(r'^ {4}(\w+(?:, \w+)*) {2,}\w', scara_kinetostatic.__doc__.partition('from the top')[2], re.M)
+    names = [name for line in listed for name in line.split(', ')]
+    assert names == list(dict.fromkeys(name.partition('.')[0] for name in reversed(ORDER)))
+
+
 def test_imports_go_downwards() -> None:
     pairs = [(module_name(path), module) for path in MODULES for module in imports(path)]
     for name, module in pairs:

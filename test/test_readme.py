@@ -11,7 +11,7 @@ from docs.examples import NUMBER, WITHIN, blocks, commands, compare, figures
 from pipeline.opened import Row, outcome_of, rows
 
 from scara_kinetostatic.cli.main import build_parser
-from scara_kinetostatic.model.parameters import SCALES
+from scara_kinetostatic.model.quantities import SCALES
 from scara_kinetostatic.results.report import text_report
 
 ROOT = Path(__file__).parents[1]

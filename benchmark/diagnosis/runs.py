@@ -24,8 +24,9 @@ from benchmark.diagnosis.cells import (
 )
 from benchmark.diagnosis.record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
 from benchmark.diagnosis.unlisted import UNLISTED, StiffGripper, unlisted
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis

@@ -14,8 +14,8 @@ import numpy as np
 from benchmark.common import CELL, NOISE
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.model.tip import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 

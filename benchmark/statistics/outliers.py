@@ -26,7 +26,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.tip import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.streams import simulate_touches
 

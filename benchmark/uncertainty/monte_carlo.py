@@ -19,8 +19,8 @@ from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Item, uncer
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.tip import direct_kinetostatics
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World
 

@@ -39,8 +39,9 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
-from scara_kinetostatic.calibration.calibrate import HeldOut, calibrate
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty

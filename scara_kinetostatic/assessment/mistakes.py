@@ -38,19 +38,8 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_
 from scara_kinetostatic.model.joint_law import deflection, joint_torques, rounded_sign
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces
-from scara_kinetostatic.model.parameters import (
-    G_EE,
-    L1,
-    L2,
-    MILLI,
-    NAMES,
-    P_EE,
-    THETA1,
-    THETA2,
-    UNITS,
-    Parameters,
-    quantity,
-)
+from scara_kinetostatic.model.parameters import G_EE, L1, L2, MILLI, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 _SIGN_WIDTH = 0.01

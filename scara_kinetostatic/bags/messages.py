@@ -39,7 +39,7 @@ from rosbags.typesys.store import Typestore
 from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError, one_line
 from scara_kinetostatic.files.atomic import KIB, MIB
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.parameters import count
+from scara_kinetostatic.model.quantities import count
 from scara_kinetostatic.touches.clock import SECOND, JointParts, Samples
 from scara_kinetostatic.touches.streams import FixedTransform
 

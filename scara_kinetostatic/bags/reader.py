@@ -56,7 +56,7 @@ from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.files.yaml_file import parse_strings
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
-from scara_kinetostatic.model.parameters import count
+from scara_kinetostatic.model.quantities import count
 from scara_kinetostatic.touches.clock import on_one_clock
 from scara_kinetostatic.touches.streams import ALTERNATE, JointStream, Streams, WrenchFrame, WrenchStream, alternate
 

@@ -29,8 +29,8 @@ from scara_kinetostatic.model.cell import Cell, Noise, force_covariance
 from scara_kinetostatic.model.contact import Arm, contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import Force, Law
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.tip import Force, Law
 
 
 def unfitted(point: Point, level: Floats | None = None) -> tuple[Marginal, Floats]:

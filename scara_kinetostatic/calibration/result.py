@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit, estimated_levels
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import Point, base_force, force_error, force_residual, project
 from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
@@ -23,6 +23,7 @@ from scara_kinetostatic.calibration.identifiability import (
     group_names,
     scales_of,
 )
+from scara_kinetostatic.calibration.noise import estimated_levels
 from scara_kinetostatic.calibration.observations import (
     ASSUMED_PLACES,
     LARGE_EFFECT,

@@ -40,7 +40,8 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import TouchMetadata, TouchState
-from scara_kinetostatic.model.joint_law import joint_deflection, joint_torques, pull_of_links
+from scara_kinetostatic.model.gravity import pull_of_links
+from scara_kinetostatic.model.joint_law import joint_deflection, joint_torques
 from scara_kinetostatic.model.kinematics import (
     LoadedJoints,
     forward,
@@ -50,8 +51,9 @@ from scara_kinetostatic.model.kinematics import (
     tip_by_parameters,
     wrap,
 )
-from scara_kinetostatic.model.parameters import Parameters, percentage
-from scara_kinetostatic.model.tip import with_effects
+from scara_kinetostatic.model.kinetostatics import with_effects
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.quantities import percentage
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""

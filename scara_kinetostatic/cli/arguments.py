@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from scara_kinetostatic.errors import OutputError, UnsupportedDataError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.assessment.outcome import Assessment
+    from scara_kinetostatic.assessment.grade import Assessment
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.report.page import Document, Report
 

@@ -107,7 +107,7 @@ def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predic
     """Writes the table, and says what is to be known of it."""
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.model.arm import STATUSES
-    from scara_kinetostatic.model.parameters import count
+    from scara_kinetostatic.model.quantities import count
 
     write_texts(path.parent, {path.name: table.text_with(results)})
     reservations = () if predictor.nominal else predictor.arm.reservations

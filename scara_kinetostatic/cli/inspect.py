@@ -91,7 +91,7 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
 
 def _as_text(found: dict[str, Any]) -> str:
-    from scara_kinetostatic.model.parameters import count
+    from scara_kinetostatic.model.quantities import count
     from scara_kinetostatic.report.page import Table
 
     topics: list[tuple[str, ...]] = []

@@ -134,7 +134,7 @@ def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
     Raises:
         UnsupportedDataError: the first touches, and all after them, would not reach the tolerance.
     """
-    from scara_kinetostatic.model.parameters import quantity
+    from scara_kinetostatic.model.quantities import quantity
 
     tolerance, found = planner.arm.cell.tolerance, planned.uncertainty
     if tolerance is None:
@@ -162,7 +162,7 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     from collections import Counter
     from contextlib import suppress
 
-    from scara_kinetostatic.model.parameters import quantity
+    from scara_kinetostatic.model.quantities import quantity
     from scara_kinetostatic.planning.prediction import RobotModel, Statement
     from scara_kinetostatic.planning.report import statement_sentences
 

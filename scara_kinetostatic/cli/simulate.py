@@ -60,7 +60,8 @@ def run(args: argparse.Namespace) -> None:
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
-    from scara_kinetostatic.model.parameters import NANO, count
+    from scara_kinetostatic.model.parameters import NANO
+    from scara_kinetostatic.model.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan, load_plan
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects

@@ -10,7 +10,8 @@ from markupsafe import Markup
 
 from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import EXPECTED, Contour
-from scara_kinetostatic.model.parameters import FIT_UNITS, IN_MICRO, IN_MILLI, count, shown
+from scara_kinetostatic.model.parameters import IN_MICRO, IN_MILLI
+from scara_kinetostatic.model.quantities import FIT_UNITS, count, shown
 from scara_kinetostatic.report.figure import SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.page import Document, Figure, Note, Report, Section, Table, Verdict
 

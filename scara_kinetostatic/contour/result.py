@@ -28,7 +28,8 @@ from scara_kinetostatic.files.tables import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.parameters import MILLI, percentage
+from scara_kinetostatic.model.parameters import MILLI
+from scara_kinetostatic.model.quantities import percentage
 
 TINY = 1e-12
 """Less than any length, time or curvature that counts: keeps a quotient finite."""

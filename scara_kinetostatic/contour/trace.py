@@ -44,14 +44,15 @@ from scara_kinetostatic.contour.result import (
     remarks_on,
 )
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model import tip
+from scara_kinetostatic.model import kinetostatics
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, interpolated
 from scara_kinetostatic.model.cell import Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
-from scara_kinetostatic.model.parameters import MICRO, MILLI, percentage
+from scara_kinetostatic.model.parameters import MICRO, MILLI
+from scara_kinetostatic.model.quantities import percentage
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.streams import SMOOTHING, Signals, Streams, as_signals, moving_mean, white_noise
 
@@ -390,14 +391,14 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     """
     first, second = np.hypot(arm.noise.force_levels, force_noise).tolist()
     arm = replace(arm, noise=arm.noise._replace(force=(first, second)))
-    law, f = Predictor(arm).law, tip.Force.of(force, arm.noise)
-    found = tip.tip_under_load(law, joints, f, metadata_of(arm, joints))
+    law, f = Predictor(arm).law, kinetostatics.Force.of(force, arm.noise)
+    found = kinetostatics.tip_under_load(law, joints, f, metadata_of(arm, joints))
     at = found.loading
-    jacobian = tip.tip_by_joints(at, tip.inverse_of_rows(at, f))
-    by_model = tip.tip_by_values(law, jacobian, at, f, found.state)
+    jacobian = kinetostatics.tip_by_joints(at, kinetostatics.inverse_of_rows(at, f))
+    by_model = kinetostatics.tip_by_values(law, jacobian, at, f, found.state)
     spread = arm.spread
-    by_noise, systematic = tip.tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
-    noise = by_noise @ by_noise.swapaxes(1, 2) + tip.band_covariance(spread.gaps, jacobian, at, f)
+    by_noise, systematic = kinetostatics.tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
+    noise = by_noise @ by_noise.swapaxes(1, 2) + kinetostatics.band_covariance(spread.gaps, jacobian, at, f)
     known = np.isfinite(spread.with_dead_bands(systematic, jacobian, at, f)[:, :1, :1])
     return TipPlaces(found.tip, by_model, np.where(known, systematic, np.nan), noise, by_noise)
 

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.estimate import reading_noise
+from scara_kinetostatic.calibration.noise import reading_noise
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.candidates import Moment
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.model.parameters import UNITS, quantity
+from scara_kinetostatic.model.parameters import UNITS
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 _MOST_NAMES = 4

@@ -12,7 +12,7 @@ import numpy as np
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import (
     INDEPENDENT_PART,
-    Problem,
+    LinearProblem,
     TrialColumns,
     fitted_effects,
     pose_problem,
@@ -80,14 +80,14 @@ class Scan(NamedTuple):
     gram: Floats
     projected: Floats
 
-    def candidate(self, problem: Problem, k: int, share: float) -> Candidate:
+    def candidate(self, problem: LinearProblem, k: int, share: float) -> Candidate:
         """The effect at one of the trials, of some share."""
         gram, projected, square = (part[k : k + 1] for part in (self.gram, self.projected, self.square))
         (explained,), (rank,), (part,) = Additions.of(gram, projected, square, problem.least_independent_part)
         changes = self.columns.of_trial(k)
         return Candidate(self.effect, self.trials[k], changes, explained, rank, part, self.tried, share)
 
-    def best(self, problem: Problem, taken: set[int], beside: Floats | None = None) -> Candidate | None:
+    def best(self, problem: LinearProblem, taken: set[int], beside: Floats | None = None) -> Candidate | None:
         """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it is among those
         taken.
 
@@ -130,7 +130,7 @@ class CandidateSet(NamedTuple):
     unidentifiable: tuple[Ranked, ...]
 
 
-def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
+def gather(problem: LinearProblem, effects: Iterable[Effect]) -> CandidateSet:
     """The candidates among effects.
 
     An effect with many trials (an unknown frequency) is a candidate at the trial that explains
@@ -178,7 +178,7 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> CandidateSet:
     return CandidateSet(tuple(found), tuple(others.values()))
 
 
-def as_fitted(problem: Problem, effect: Effect, values: Floats) -> Candidate:
+def as_fitted(problem: LinearProblem, effect: Effect, values: Floats) -> Candidate:
     """An effect of the fit at its values: at its place on the grid, or linearised."""
     at = problem.touch_state
     trials, usual = effect.trials(at, problem.force), effect.usual_trials(at)
@@ -212,7 +212,7 @@ def _share(gained: Floats, here: float) -> float:
     return max(near, min(1.0, (11.0 / max(here, 1e-9)) ** 0.5)) / len(gained)
 
 
-def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
+def gains(problem: LinearProblem, scan: Scan, beside: Floats | None = None) -> Floats:
     """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
     gram, projected = scan.gram, scan.projected
     if beside is not None and beside.size:
@@ -228,7 +228,7 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     return np.asarray((projected * coefficients).sum(axis=1))
 
 
-def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
+def scan_trials(problem: LinearProblem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
     """Trials of an effect, of `tried` in all."""
     columns = problem.of_trials(trials)
     square, gram, left = problem.beside_base(columns)
@@ -239,14 +239,14 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     return Scan(effect, trials, columns, kept, tried, most, square, gram, left * kept)
 
 
-def all_candidates(problem: Problem, effects: Sequence[Effect]) -> CandidateSet:
+def all_candidates(problem: LinearProblem, effects: Sequence[Effect]) -> CandidateSet:
     """The catalogue and the fitted curves as candidates; arguments as of `gather`."""
     discs = [disc.name for disc in problem.calibration.cell.discs]
     curves = empirical_effects(problem.touch_state, discs, problem.one_level)
     return gather(problem, [*effects, *curves])
 
 
-def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
+def significance(problem: LinearProblem, candidate: Candidate) -> tuple[float, float]:
     """F-test of one candidate (Bonferroni over its trials), and the part of the sum of squares it explains.
 
     A fitted effect may add nothing that is independent of the base model; then it is not significant.
@@ -257,7 +257,7 @@ def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
     return min(1.0, candidate.tried * p_value), share
 
 
-def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
+def start_from(problem: LinearProblem, members: Sequence[Candidate]) -> ExtendedModel:
     """L̄ and effects that fit the linear problem of the touches best, to start from."""
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
@@ -340,7 +340,9 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
     return tuple(found)
 
 
-def _when(fit: Calibration, problem: Problem, effect: Effect, places: Floats, weight: Floats) -> tuple[str, float]:
+def _when(
+    fit: Calibration, problem: LinearProblem, effect: Effect, places: Floats, weight: Floats
+) -> tuple[str, float]:
     """Between which touches an effect begins or ends, and the standard deviation of that moment."""
     touches, known = fit.touches, problem.touch_state.metadata.order
     order = np.sort(touches.order[fit.used])

@@ -30,7 +30,7 @@ from scara_kinetostatic.calibration.fit_point import Point, augmented, base_forc
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
-from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import LinearProblem, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import Trial, at_joint
 from scara_kinetostatic.gaussian.linear_model import left_out, orthonormal
@@ -38,7 +38,7 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Mask, pick, rms
 from scara_kinetostatic.model.extended_model import ExtendedModel, Shift, TouchMetadata
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.tip import direct_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 
 
 class TipError(NamedTuple):
@@ -284,7 +284,7 @@ def effect_residuals(final: Calibration, found: Sequence[Found]) -> tuple[Effect
     return tuple(residuals)
 
 
-def _deviation(problem: Problem, found: Sequence[Found], item: Found) -> tuple[str, Mask, _Columns]:
+def _deviation(problem: LinearProblem, found: Sequence[Found], item: Found) -> tuple[str, Mask, _Columns]:
     """The label, the touches to show, (n,), and the columns of `EffectResidual` from `before` to `std_after`."""
     label, per_si, unit = _largest_channel(problem, item)
     weight = np.linalg.norm(unit, axis=1)
@@ -300,7 +300,7 @@ def _deviation(problem: Problem, found: Sequence[Found], item: Found) -> tuple[s
     return label, kept, (before, after, expected, std, std)
 
 
-def _taken_out(problem: Problem, found: Sequence[Found], item: Found) -> Floats:
+def _taken_out(problem: LinearProblem, found: Sequence[Found], item: Found) -> Floats:
     """Change of the residual where an effect and its rivals are left out, (n, 2)."""
     final = problem.calibration
     columns = problem.point.whitened.derivative[:, :, final.model.base_count :].reshape(len(problem.left), -1)
@@ -318,7 +318,7 @@ def _taken_out(problem: Problem, found: Sequence[Found], item: Found) -> Floats:
     return (basis @ (basis.T @ lost) - lost)[: len(columns)].reshape(-1, 2)
 
 
-def _off_normal_angle(problem: Problem, found: Sequence[Found], item: Found) -> tuple[str, Mask, _Columns]:
+def _off_normal_angle(problem: LinearProblem, found: Sequence[Found], item: Found) -> tuple[str, Mask, _Columns]:
     """The off-normal angle of each force: its standard deviation is that of noise alone, or of noise and friction."""
     radii, linear, (_, l21, l22) = problem.touch_state.radii, problem.point.linear, problem.point.whitened.root
     assert linear.by_off_normal is not None
@@ -328,7 +328,7 @@ def _off_normal_angle(problem: Problem, found: Sequence[Found], item: Found) -> 
     return 'off-normal angle of the force  [mrad]', np.ones(len(radii), dtype=bool), columns
 
 
-def _largest_channel(problem: Problem, item: Found) -> tuple[str, float, Floats]:
+def _largest_channel(problem: LinearProblem, item: Found) -> tuple[str, float, Floats]:
     """The way in which an effect acts most on the touches: the deviation with the unit shown, that unit per SI unit,
     and the whitened column of one SI unit, (n, 2).
     """

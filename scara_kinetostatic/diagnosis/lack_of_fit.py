@@ -49,17 +49,12 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import (
-    FALSE_REJECTIONS,
-    WarmStart,
-    estimated_levels,
-    find_good,
-    growing,
-    noise_of_residuals,
-)
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.fit_point import Point, last_step, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by, whitened_square
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
+from scara_kinetostatic.calibration.noise import estimated_levels, growing, noise_of_residuals
+from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS, find_good
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import (

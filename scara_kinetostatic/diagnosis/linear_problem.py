@@ -103,7 +103,7 @@ class TrialColumns(NamedTuple):
         return zip(np.broadcast_to(self.factors, (t, len(unit), n)).swapaxes(0, 1), unit, strict=True)
 
 
-class Problem(NamedTuple):
+class LinearProblem(NamedTuple):
     """The linear problem of n touches.
 
     Attributes:
@@ -217,7 +217,7 @@ class Problem(NamedTuple):
         return changes.reshape(-1, self.force.size).T
 
 
-def pose_problem(calibration: Calibration, level: Floats | None = None) -> Problem:
+def pose_problem(calibration: Calibration, level: Floats | None = None) -> LinearProblem:
     """The linear problem of a calibration with or without effects.
 
     Args:
@@ -249,7 +249,7 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
     by_unit = unit_changes(equations, point.linear.by_force, point.adjusted.force)
     left = y - base @ (base.T @ y)
     by_base_and_left = marginal.apply(np.column_stack([base, left]))
-    return Problem(
+    return LinearProblem(
         calibration=c,
         point=point,
         by_unit=UnitChanges(*(whiten_by(part, root) for part in by_unit)),

@@ -31,17 +31,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.estimate import (
-    FALSE_REJECTIONS,
-    USUAL_NOISE,
-    fewest_touches,
-    find_good,
-    raised,
-    studentised,
-)
+from scara_kinetostatic.calibration.estimate import fewest_touches
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
+from scara_kinetostatic.calibration.noise import USUAL_NOISE, raised
 from scara_kinetostatic.calibration.observations import (
     ASSUMED_PLACES,
     LARGE_EFFECT,
@@ -51,6 +45,7 @@ from scara_kinetostatic.calibration.observations import (
     RandomEffects,
     Source,
 )
+from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS, find_good, studentised
 from scara_kinetostatic.calibration.result import (
     Alternative,
     Calibration,
@@ -66,8 +61,8 @@ from scara_kinetostatic.diagnosis.odds import NEEDED
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import columns_of
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.gaussian.linear_model import (
-    Projected,
+from scara_kinetostatic.gaussian.linear_model import Projected
+from scara_kinetostatic.gaussian.variance_components import (
     at_levels,
     estimate_levels,
     estimate_sizes,

@@ -88,7 +88,7 @@ class Form(NamedTuple):
     is_placed: bool = False
 
 
-class LinearProblem(NamedTuple):
+class OddsProblem(NamedTuple):
     """The touches at a fit, projected off J.
 
     Attributes:
@@ -112,7 +112,7 @@ class LinearProblem(NamedTuple):
     @classmethod
     def of(
         cls, fitted: Floats, columns: Floats, residual: Floats, is_declared: Mask, noise_given: bool, constant: float
-    ) -> LinearProblem:
+    ) -> OddsProblem:
         """Of J (rows, b), Z (rows, c + g) and y (rows,); `constant` without that of J."""
         base, triangle = np.linalg.qr(fitted)
         beside = np.column_stack([columns, residual])
@@ -208,7 +208,7 @@ class Odds(NamedTuple):
         return self.probabilities.get(frozenset(), 0.0)
 
 
-def posterior_odds(p: LinearProblem, forms: Sequence[Form], weights: Mapping[str, float] | None = None) -> Odds:
+def posterior_odds(p: OddsProblem, forms: Sequence[Form], weights: Mapping[str, float] | None = None) -> Odds:
     """The probabilities of the sets of up to three effects: of none, of each alone, of the most promising others.
 
     Args:
@@ -266,7 +266,7 @@ def _solved(factor: Floats, right: Floats) -> Floats:
     return np.asarray(blas.dtrsm(1.0, factor.T, right.T, side=1).T) if len(factor) else right
 
 
-def _state(p: LinearProblem, tau: float) -> _State:
+def _state(p: OddsProblem, tau: float) -> _State:
     """At a common size of the small parts."""
     c = len(p.is_declared)
     widths = np.where(p.is_declared, 1.0, tau)
@@ -287,7 +287,7 @@ class _Scan:
     """
 
     def __init__(
-        self, p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], log_weight: Floats, log_number: Floats
+        self, p: OddsProblem, forms: Sequence[Form], states: Sequence[_State], log_weight: Floats, log_number: Floats
     ) -> None:
         self.p, self.forms, self.log_number = p, forms, log_number
         placed = [k for k, form in enumerate(forms) if form.is_placed]
@@ -439,7 +439,7 @@ class Component(NamedTuple):
 
 
 def components(
-    p: LinearProblem, forms: Sequence[Form], states: Sequence[_State], parts: Sequence[Sequence[SizedSet]], lift: Floats
+    p: OddsProblem, forms: Sequence[Form], states: Sequence[_State], parts: Sequence[Sequence[SizedSet]], lift: Floats
 ) -> list[Component]:
     """The values with each of several groups of sized sets.
 

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.calibrate import held_out_force_error
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE, find_good
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.noise import USUAL_NOISE
+from scara_kinetostatic.calibration.outliers import find_good
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Candidate, start_from

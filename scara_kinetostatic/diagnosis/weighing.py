@@ -16,15 +16,15 @@ from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.calibration.result import Alternative
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, all_candidates, significance
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import LinearProblem, fitted_effects, pose_problem
 from scara_kinetostatic.diagnosis.mixed_model import MixedModel, amplitudes, trusted_rows
 from scara_kinetostatic.diagnosis.odds import (
     NEEDED,
     UNNAMED,
     Form,
     Labels,
-    LinearProblem,
     Odds,
+    OddsProblem,
     SizedSet,
     components,
     posterior_odds,
@@ -70,10 +70,10 @@ class Weighed(NamedTuple):
     """
 
     model: MixedModel
-    problem: Problem
+    problem: LinearProblem
     candidates: CandidateSet
     forms: tuple[Form, ...]
-    linear: LinearProblem
+    linear: OddsProblem
     odds: Odds
     lift: Floats
 
@@ -188,7 +188,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
     )
     behind, off = trusted_rows(c, problem.identifiable)
     columns = np.concatenate([small.changes, gross.changes], axis=1)
-    linear = LinearProblem.of(
+    linear = OddsProblem.of(
         np.concatenate([problem.jacobian, behind]),
         np.pad(columns, ((0, len(behind)), (0, 0))),
         np.concatenate([y, off]),
@@ -208,7 +208,7 @@ def weigh(model: MixedModel, known: Sequence[Effect]) -> Weighed:
 
 
 def _gross_columns(
-    problem: Problem, candidates: Sequence[Candidate], by_errors: Floats, by_amplitudes: Floats
+    problem: LinearProblem, candidates: Sequence[Candidate], by_errors: Floats, by_amplitudes: Floats
 ) -> tuple[_Columns, list[Indices]]:
     """Those of candidates, each by its typical size, and where the columns of each are.
 
@@ -245,7 +245,11 @@ def _gross_columns(
 
 
 def _small_columns(
-    model: MixedModel, problem: Problem, by_errors: Floats, effects: Sequence[tuple[Effect, Indices]], gross: _Columns
+    model: MixedModel,
+    problem: LinearProblem,
+    by_errors: Floats,
+    effects: Sequence[tuple[Effect, Indices]],
+    gross: _Columns,
 ) -> _Columns:
     """Declared errors, the random effects of a fit, and the small part of what it names, which these are without."""
     c, size = model.fit, len(model.fit.model.names)
@@ -271,7 +275,7 @@ def _errors_of(effect: Effect, declared: DeclaredErrors | None, random: Indices)
     return random if len(random) else places.get(effect.declared_as or effect.label, random)
 
 
-def _small_part(problem: Problem, effect: Effect, arm: ArmClass) -> Floats:
+def _small_part(problem: LinearProblem, effect: Effect, arm: ArmClass) -> Floats:
     """The whitened columns by which an effect is there undetected, in its typical size, (2n, k)."""
     at = problem.touch_state
     columns = columns_of(effect, at)

@@ -29,7 +29,8 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import MICRO, MILLI, displacement, off
+from scara_kinetostatic.model.parameters import MICRO, MILLI
+from scara_kinetostatic.model.quantities import displacement, off
 
 
 def _place_of(what: str) -> tuple[Parameter, ...]:

@@ -18,8 +18,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.identifiability import scales_of
+from scara_kinetostatic.calibration.noise import USUAL_NOISE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue

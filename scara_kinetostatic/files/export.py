@@ -30,8 +30,8 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.extended_model import EffectLaw
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import MILLI, NAMES, P_EE, UNITS
-from scara_kinetostatic.model.tip import direct_kinetostatics
 
 MOST_ROWS = 1_000_000
 """Of a table, some 100 MB."""

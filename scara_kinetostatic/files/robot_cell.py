@@ -46,7 +46,8 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Lift, Plane
 from scara_kinetostatic.model.kinematics import wrap
-from scara_kinetostatic.model.parameters import MICRO, MILLI, MOMENTS, NANO, Parameters, implausible_size, quantity
+from scara_kinetostatic.model.parameters import MICRO, MILLI, MOMENTS, NANO, Parameters
+from scara_kinetostatic.model.quantities import implausible_size, quantity
 
 GRAVITY = 9.81
 """m/s², along -z of the root."""

@@ -29,7 +29,7 @@ import yaml
 from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.atomic import KIB, read_file
 from scara_kinetostatic.files.tables import FORMULA
-from scara_kinetostatic.model.parameters import implausible_size
+from scara_kinetostatic.model.quantities import implausible_size
 
 _MAX_BYTES = 256 * KIB
 """Largest file that a user writes, bytes."""

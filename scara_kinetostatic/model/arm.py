@@ -16,8 +16,7 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel, TouchMetadata, true_force
 from scara_kinetostatic.model.kinematics import posture as posture_of
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.model.tip import (
+from scara_kinetostatic.model.kinetostatics import (
     SIGN_KNOWN,
     Equilibrium,
     Force,
@@ -29,6 +28,7 @@ from scara_kinetostatic.model.tip import (
     tip_by_noise,
     tip_under_load,
 )
+from scara_kinetostatic.model.parameters import NAMES
 
 _RESERVATIONS = {
     'unfit': 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)',

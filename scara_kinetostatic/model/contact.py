@@ -70,7 +70,8 @@ from scara_kinetostatic.model.extended_model import (
     as_model,
     sum_of_shifts,
 )
-from scara_kinetostatic.model.joint_law import Pull, deflection, inverse_of_derivative, pull_of
+from scara_kinetostatic.model.gravity import Pull, pull_of
+from scara_kinetostatic.model.joint_law import deflection, inverse_of_derivative
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import MILLI, NAMES, THETA1, THETA2, Parameters

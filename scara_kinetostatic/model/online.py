@@ -25,7 +25,7 @@ from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import forward, posture
-from scara_kinetostatic.model.tip import (
+from scara_kinetostatic.model.kinetostatics import (
     SIGN_KNOWN,
     Force,
     Law,

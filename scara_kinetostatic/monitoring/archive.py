@@ -25,7 +25,7 @@ from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.tables import csv_cell, csv_lines
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.parameters import count
+from scara_kinetostatic.model.quantities import count
 from scara_kinetostatic.monitoring.history import Entry, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, robot_name
 from scara_kinetostatic.monitoring.report import history_report

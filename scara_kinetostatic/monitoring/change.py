@@ -36,7 +36,8 @@ from scara_kinetostatic.gaussian.information import Gaussian, Information
 from scara_kinetostatic.gaussian.linear_model import p_values
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, P_EE, SCALES, UNITS, scale_of, shown
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, P_EE, UNITS
+from scara_kinetostatic.model.quantities import SCALES, scale_of, shown
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 

@@ -11,17 +11,8 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.parameters import (
-    NAMES,
-    SCALES,
-    Shown,
-    chance,
-    count,
-    micrometres,
-    p_equals,
-    scale_of,
-    shown,
-)
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.monitoring.change import Causes, change_title
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.outcome import Assessment, Grade, Limits, Recording, Remark
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark
+from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
@@ -23,7 +24,7 @@ from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.parameters import micrometres
+from scara_kinetostatic.model.quantities import micrometres
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded

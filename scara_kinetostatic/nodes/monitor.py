@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.parameters import count
+from scara_kinetostatic.model.quantities import count
 from scara_kinetostatic.monitoring.change import Measured
 from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.record import CalibrationRecord

@@ -57,7 +57,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.assessment.outcome import Limits
+from scara_kinetostatic.assessment.grade import Limits
 from scara_kinetostatic.calibration.estimate import fewest_touches
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError

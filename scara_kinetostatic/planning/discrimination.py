@@ -45,7 +45,8 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import blocks
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.parameters import MILLI, UNITS, quantity
+from scara_kinetostatic.model.parameters import MILLI, UNITS
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan, is_size
 from scara_kinetostatic.simulation.plan import Plan, default_plan

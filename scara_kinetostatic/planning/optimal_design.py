@@ -20,7 +20,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.planning.candidate_touches import (
     FEWEST_TOUCHES,
     MOST_HELD_OUT,

@@ -46,9 +46,10 @@ from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import MILLI, P_EE, percentage, quantity
-from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics, press_aside
+from scara_kinetostatic.model.parameters import MILLI, P_EE
+from scara_kinetostatic.model.quantities import percentage, quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidate_touches import (
     MOST_TOUCHES,

@@ -50,8 +50,7 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, reported_force
 from scara_kinetostatic.model.joint_law import joint_deflection
-from scara_kinetostatic.model.parameters import MICRO, Parameters
-from scara_kinetostatic.model.tip import (
+from scara_kinetostatic.model.kinetostatics import (
     Force,
     Law,
     inverse_kinetostatics,
@@ -61,6 +60,7 @@ from scara_kinetostatic.model.tip import (
     tip_by_values,
     tip_under_load,
 )
+from scara_kinetostatic.model.parameters import MICRO, Parameters
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame, simulate_touches
 
@@ -347,7 +347,7 @@ def contributions(covariance: Floats, count: int, declared: DeclaredErrors | Non
 
 
 def tip_in_use(robot: RobotModel, load: float, count: int = 17, directions: int = 12) -> Floats:
-    """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
+    """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q, F; see `model.kinetostatics`.
 
     Args:
         robot: the robot.

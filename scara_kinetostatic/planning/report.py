@@ -12,7 +12,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from scara_kinetostatic.model.parameters import IN_MICRO, MOMENTS, NAMES, SCALES, count, micrometres, percentage
+from scara_kinetostatic.model.parameters import IN_MICRO, MOMENTS, NAMES
+from scara_kinetostatic.model.quantities import SCALES, count, micrometres, percentage
 from scara_kinetostatic.planning.candidate_touches import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import Statement, tip_std

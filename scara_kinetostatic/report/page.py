@@ -50,7 +50,7 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.parameters import NOT_DETERMINED as NOT_DETERMINED
+from scara_kinetostatic.model.quantities import NOT_DETERMINED as NOT_DETERMINED
 
 _NUMBER = re.compile(
     rf'(below |[<>≤≥] ?)?[-−+±(]?\d[\d.e+−±\-/…%() ]*|{NOT_DETERMINED}|not determined|nothing|[-−]?inf|nan'

@@ -25,7 +25,8 @@ from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward, inverse, link_vectors
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import IN_MICRO, IN_MILLI, micrometres, percentage
+from scara_kinetostatic.model.parameters import IN_MICRO, IN_MILLI
+from scara_kinetostatic.model.quantities import micrometres, percentage
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.page import Figure, Figures, Legend
 

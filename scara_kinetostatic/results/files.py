@@ -23,11 +23,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.assessment.outcome import Outcome, rivals_in_words
+from scara_kinetostatic.assessment.grade import rivals_in_words
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors, joint_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEVEL
-from scara_kinetostatic.diagnosis.diagnose import suspects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
+from scara_kinetostatic.diagnosis.verdict import suspects
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError, expect, one_line
 from scara_kinetostatic.files.atomic import write_texts, writing

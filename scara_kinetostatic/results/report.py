@@ -9,30 +9,20 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.assessment.outcome import (
+from scara_kinetostatic.assessment.grade import (
     Assessment,
     Grade,
-    Outcome,
     advice,
     rivals_in_words,
     sets_in_words,
     stated_conformity,
 )
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.model.parameters import (
-    DESCRIPTIONS,
-    IN_MICRO,
-    NAMES,
-    SCALES,
-    count,
-    micrometres,
-    p_equals,
-    percentage,
-    shown,
-    unsigned_zero,
-)
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, IN_MICRO, NAMES
+from scara_kinetostatic.model.quantities import SCALES, count, micrometres, p_equals, percentage, shown, unsigned_zero
 from scara_kinetostatic.report.page import (
     Block,
     Fact,

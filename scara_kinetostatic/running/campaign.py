@@ -23,7 +23,8 @@ from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward, posture
-from scara_kinetostatic.model.parameters import MICRO, MILLI, NANO, quantity
+from scara_kinetostatic.model.parameters import MICRO, MILLI, NANO
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Waypoints

@@ -29,8 +29,9 @@ import numpy as np
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
-from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters, quantity
-from scara_kinetostatic.model.tip import press_aside, tip_yield
+from scara_kinetostatic.model.kinetostatics import press_aside, tip_yield
+from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.planning.motion import Waypoints
 from scara_kinetostatic.planning.planner import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles

@@ -42,9 +42,9 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, p
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState, as_model
 from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
+from scara_kinetostatic.model.kinetostatics import Equilibrium, Force, Law, inverse_kinetostatics, joints_under_load
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters
-from scara_kinetostatic.model.tip import Equilibrium, Force, Law, inverse_kinetostatics, joints_under_load
 from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Circle, Plan, Slide, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement

@@ -45,9 +45,10 @@ from scara_kinetostatic.files.yaml_file import MappingReader, Within, parse_yaml
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Disc, Noise
 from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, Surfaces, boundary, inside, outline_problem, surfaces_of
-from scara_kinetostatic.model.parameters import Parameters, quantity
-from scara_kinetostatic.model.tip import drag
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.quantities import quantity
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""

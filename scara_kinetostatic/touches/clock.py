@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.model.parameters import count
+from scara_kinetostatic.model.quantities import count
 
 Stamps = NDArray[np.int64]
 Timed = tuple[Stamps, Floats]

@@ -35,7 +35,7 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, interpolated, pairs
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import rounded_down
+from scara_kinetostatic.model.quantities import rounded_down
 from scara_kinetostatic.touches.streams import (
     SMOOTHING,
     Signal,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.parameters import rounded_down
+from scara_kinetostatic.model.quantities import rounded_down
 from scara_kinetostatic.touches.contacts import Contacts, Tare, tare_before
 from scara_kinetostatic.touches.streams import (
     ALTERNATE,

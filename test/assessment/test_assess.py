@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.evidence import Discrimination, leverages
-from scara_kinetostatic.assessment.outcome import Assessment, Grade, Outcome, Remark
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
@@ -26,7 +27,8 @@ from scara_kinetostatic.model.cell import (
     Uncertainty,
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, quantity
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.results.files import as_document

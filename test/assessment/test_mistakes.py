@@ -9,6 +9,7 @@ import pytest
 from pipeline.undeclared import path_of
 
 from scara_kinetostatic import pipeline
+from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.mistakes import (
     FEWEST_TOUCHES,
     Mistake,
@@ -18,7 +19,6 @@ from scara_kinetostatic.assessment.mistakes import (
     check_touches,
     wrong_unit,
 )
-from scara_kinetostatic.assessment.outcome import Grade
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError

@@ -9,7 +9,8 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.assessment.evidence import Conformity, Decision, conformity
-from scara_kinetostatic.assessment.outcome import Outcome, advice
+from scara_kinetostatic.assessment.grade import advice
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.observations import RIVALS
 from scara_kinetostatic.calibration.result import Calibration, Contribution

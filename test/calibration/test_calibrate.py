@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from calibration.studies import CELL, EXACT, NOISE, touches, z_scores
 
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scara_kinetostatic.calibration.estimate import raised, reading_noise
+from scara_kinetostatic.calibration.noise import raised, reading_noise
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches

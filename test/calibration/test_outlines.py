@@ -17,8 +17,8 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
-from scara_kinetostatic.model.tip import inverse_kinetostatics
 from scara_kinetostatic.simulation.commanded import ModelBody
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -24,8 +24,8 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Region, Uncertainty
 from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward, inverse
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.model.tip import direct_kinetostatics
 
 Limits = tuple[tuple[float, float], tuple[float, float]]
 MEASURED = replace(

@@ -23,8 +23,9 @@ from diagnosis.simulated import (
 from benchmark import lone_flaws
 from benchmark.common import NO_OTHERS
 from benchmark.diagnosis.unlisted import OvalDisc, Ripple, StiffGripper
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import force_residual
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.advice import unknown_history
 from scara_kinetostatic.diagnosis.diagnose import diagnose

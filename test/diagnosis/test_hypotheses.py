@@ -12,9 +12,10 @@ from diagnosis.simulated import CELL, MORE, NOISE, UNKNOWN_NOISE, check_paramete
 
 from benchmark.diagnosis.cells import SETUPS
 from benchmark.diagnosis.unlisted import UnevenCompliance
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
-from scara_kinetostatic.calibration.estimate import off_normal_uncertainty
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import select
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.noise import off_normal_uncertainty
 from scara_kinetostatic.diagnosis.advice import many_small
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value

@@ -21,7 +21,7 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
 from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.gaussian.linear_model import size_prior
+from scara_kinetostatic.gaussian.variance_components import size_prior
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, Disc, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -15,7 +15,7 @@ from scara_kinetostatic.diagnosis.odds import (
     SCALE,
     SIZES,
     Form,
-    LinearProblem,
+    OddsProblem,
     SizedSet,
     _gathered,
     components,
@@ -37,7 +37,7 @@ def simulated(effects: int, gross: dict[int, float], rng: np.random.Generator, s
 
 def posed(base, columns, y, given: bool = True):
     """The linear problem with every effect as a small and as a gross one, and its forms."""
-    problem = LinearProblem.of(
+    problem = OddsProblem.of(
         base, np.concatenate([columns, columns], axis=1), y, np.zeros(columns.shape[1], dtype=bool), given, 0.0
     )
     return problem, [Form(f'effect {k}', np.array([2 * k, 2 * k + 1]), 1.0) for k in range(columns.shape[1] // 2)]
@@ -159,7 +159,7 @@ def inclusions_of_a_wave(size: float, seed: int) -> tuple[float, float]:
     places, others = 0.6 * rng.standard_normal((80, 16)), 0.6 * rng.standard_normal((80, 24))
     y = rng.standard_normal(80) - places[:, :2] @ (size, -size) - others @ rng.standard_normal(24)
     columns = np.concatenate([places / 8**0.5, others, places, others], axis=1)
-    problem = LinearProblem.of(base, columns, y, np.zeros(40, dtype=bool), True, 0.0)
+    problem = OddsProblem.of(base, columns, y, np.zeros(40, dtype=bool), True, 0.0)
     found = list[float]()
     for is_placed in (True, False):
         forms = [Form('wave', np.array([2 * k, 2 * k + 1]), 1 / 8, is_placed) for k in range(8)]

@@ -15,8 +15,8 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import ContactProblem, State, free_state
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import GripperSign, inverse
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.model.tip import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -9,7 +9,7 @@ from model.helpers import ROBOTS
 
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import GripperSign
-from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]
 OBJECT = [effect for effect in KINDS if effect.on_object]

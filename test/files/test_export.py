@@ -24,8 +24,8 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, GripperSign, Lift, Plane, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.model.tip import direct_kinetostatics
 
 WEIGHT = {'s1': 1.6, 's2': 0.5, 'phi1': 0.2, 'phi2': -0.4}
 JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))

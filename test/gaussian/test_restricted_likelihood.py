@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize
 from scipy.linalg import lstsq
 
-from scara_kinetostatic.gaussian.linear_model import (
+from scara_kinetostatic.gaussian.variance_components import (
     at_levels,
     estimate_levels,
     estimate_sizes,

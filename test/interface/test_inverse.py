@@ -13,8 +13,8 @@ from scara_kinetostatic.model.arm import STATUSES, CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import Force, inverse_kinetostatics, load_arm
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.model.tip import Force, inverse_kinetostatics, load_arm
 
 COUNT = 1000
 

@@ -12,7 +12,7 @@ import scara_kinetostatic as sk
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 4.0]])
 POSITION = np.array([[0.3, 0.2], [-0.25, 0.3], [0.1, 0.4], [-0.1, -0.35]])

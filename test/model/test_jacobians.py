@@ -12,8 +12,7 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward_by_parameters, tip_by_parameters
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.model.tip import (
+from scara_kinetostatic.model.kinetostatics import (
     Force,
     Law,
     direct_kinetostatics,
@@ -25,6 +24,7 @@ from scara_kinetostatic.model.tip import (
     tip_by_values,
     tip_under_load,
 )
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 
 SIGNS = tuple(GripperSign)
 SMALL = np.full(2, 1e-6)

@@ -5,9 +5,10 @@ import pytest
 
 from scara_kinetostatic.model.cell import GripperSign, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.joint_law import beyond_gap, deflection, place_in_band, pull_of, rounded_sign
+from scara_kinetostatic.model.gravity import pull_of
+from scara_kinetostatic.model.joint_law import beyond_gap, deflection, place_in_band, rounded_sign
+from scara_kinetostatic.model.kinetostatics import Force, Law, inverse_of_rows
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows
 
 LOADS = np.random.default_rng(41).normal(size=200)
 COMPLIANCE, GAP, STEP = 3e-5, 2e-4, 1e-6

@@ -99,7 +99,7 @@ def _touched(outline):
     """Joint angles pressed into each surface of an outline, and the problem."""
     surfaces = surfaces_of([outline], TIP)
     place, normal = surfaces.at(np.linspace(-0.6, 0.5, len(surfaces.radii)))
-    from scara_kinetostatic.model.tip import inverse_kinetostatics
+    from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 
     force = -np.linspace(8.0, 40.0, len(normal))[:, None] * normal
     joints = inverse_kinetostatics(ARM, place, force, np.ones(len(normal), dtype=int))[0]

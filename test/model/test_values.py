@@ -14,7 +14,8 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters, quantity
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 GAIN, PLACE = find(CELL, 'encoder_gain[joint1]'), find(CELL, 'object_position[disc_2]')

@@ -10,12 +10,13 @@ import pytest
 from monitoring.simulated import CELL, DECLARED, TRUTH, moved, record_of, touches_of
 
 from benchmark.common import record_of as as_record
-from scara_kinetostatic.assessment.outcome import Grade, Recording
+from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc, Plate
-from scara_kinetostatic.model.parameters import shown
+from scara_kinetostatic.model.quantities import shown
 from scara_kinetostatic.monitoring.change import CalibratedState
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report

@@ -11,8 +11,8 @@ import pytest
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift, SensorFrame
 from scara_kinetostatic.model.kinematics import inverse, rotate
+from scara_kinetostatic.model.kinetostatics import drag, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.model.tip import drag, inverse_kinetostatics, press_aside
 from scara_kinetostatic.simulation.commanded import Plant, Reading
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody

@@ -12,7 +12,8 @@ from typing import NamedTuple
 from pipeline.undeclared import ALL, outcome_of, true_robot
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.model.parameters import NAMES, SCALES, decimals
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.quantities import SCALES, decimals
 
 
 class Row(NamedTuple):

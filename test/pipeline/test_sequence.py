@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from calibration.studies import CELL as BARE
 
-from scara_kinetostatic.assessment.outcome import unusable
+from scara_kinetostatic.assessment.grade import unusable
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed

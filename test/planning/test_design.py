@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.population import errors_of, sizes_of
-from scara_kinetostatic.calibration.calibrate import calibrate, held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.effects.objects import ContactFriction
@@ -28,8 +29,9 @@ from scara_kinetostatic.model.cell import (
     Uncertainty,
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, micrometres
-from scara_kinetostatic.model.tip import DRAG
+from scara_kinetostatic.model.kinetostatics import DRAG
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.model.quantities import micrometres
 from scara_kinetostatic.planning.candidate_touches import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.planning.prediction import RobotModel, Statement, exact_plan, predict, tip_in_use, tip_std

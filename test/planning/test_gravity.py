@@ -10,7 +10,7 @@ import scara_kinetostatic as sk
 from scara_kinetostatic.model.cell import PAPER_DISCS, EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.tip import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import LEAST_ARM, candidate_plan
 from scara_kinetostatic.planning.planner import Planner

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from benchmark.svg import light_colours, svg_file
-from scara_kinetostatic.model.parameters import shown
+from scara_kinetostatic.model.quantities import shown
 from scara_kinetostatic.report.figure import SERIES, as_svg, new_figure, style
 from scara_kinetostatic.report.page import Report, Section, Table, Verdict, as_page
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
-from scara_kinetostatic.assessment.outcome import Outcome, rivals_in_words
+from scara_kinetostatic.assessment.grade import rivals_in_words
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.errors import ParameterError

@@ -13,7 +13,7 @@ import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.model.cell import Identification
-from scara_kinetostatic.model.parameters import micrometres
+from scara_kinetostatic.model.quantities import micrometres
 from scara_kinetostatic.results.figures import _smooth
 from scara_kinetostatic.results.report import html_text, numbers
 

@@ -13,7 +13,8 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.result import Diagnosis, EffectSet, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.parameters import NAMES, SCALES, micrometres
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.quantities import SCALES, micrometres
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.results import report
 

@@ -19,9 +19,9 @@ from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.cell import Cell, Disc, EffectSizes, Lift, Noise, Region, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, jacobian, quarter_turn
+from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.tip import drag
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Space, Waypoints

@@ -10,8 +10,8 @@ import pytest
 from benchmark.common import normal_error
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.model.tip import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.simulation.motion import CROSSING, SlidePhase, SlidingMotion, TipPath
 from scara_kinetostatic.simulation.plan import Circle, PlanError, Slide, load_plan, polygon
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.model.tip import inverse_kinetostatics
 from scara_kinetostatic.touches.clock import Samples
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 

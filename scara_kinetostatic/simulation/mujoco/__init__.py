@@ -24,7 +24,8 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import inverse, rotate, wrap
-from scara_kinetostatic.model.parameters import MILLI, Parameters, quantity
+from scara_kinetostatic.model.parameters import MILLI, Parameters
+from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.simulation.motion import HOME, CellState, Motion, Phase, Timing, minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, SCENES, TICK, Engine, Scene, load_engine, scene_named
 from scara_kinetostatic.simulation.plan import PER_DISC, ROUNDING, Plan, default_plan

@@ -12,8 +12,8 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.parameters import (
-    IN_MICRO,
+from scara_kinetostatic.model.parameters import IN_MICRO
+from scara_kinetostatic.model.quantities import (
     NOT_DETERMINED,
     Scale,
     chance,

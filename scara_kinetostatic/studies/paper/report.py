@@ -9,7 +9,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, SCALES, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.quantities import SCALES
 from scara_kinetostatic.report.figure import FAINT, IN_MICRO, SERIES, as_svg, new_figure
 from scara_kinetostatic.report.page import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.studies.loops.report import TITLES, dial_gauge_document, part_figures, summary_table

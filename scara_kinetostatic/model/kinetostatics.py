@@ -51,15 +51,8 @@ from scara_kinetostatic.model.extended_model import (
     TouchState,
     as_model,
 )
-from scara_kinetostatic.model.joint_law import (
-    NO_TORQUE,
-    Four,
-    Pull,
-    deflection,
-    inverse_of_derivative,
-    place_in_band,
-    pull_of,
-)
+from scara_kinetostatic.model.gravity import Pull, pull_of
+from scara_kinetostatic.model.joint_law import NO_TORQUE, Four, deflection, inverse_of_derivative, place_in_band
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
