@@ -87,9 +87,11 @@ def estimated_levels(noise: Noise, stated: Noise | None) -> list[str]:
 
 
 def as_stated(noise: Noise, stated: Noise | None) -> Noise:
-    """A noise with all that the cell description states."""
-    if stated is None or stated.force_relative is not None:
-        return stated or noise
+    """A noise with all that the cell description states; of what is estimated one level for both joints, or axes."""
+    if stated is None:
+        return noise._replace(joint=noise.joint_rms, force=noise.force_rms)
+    if stated.force_relative is not None:
+        return stated
     return stated._replace(force_relative=noise.force_relative)
 
 

@@ -53,7 +53,7 @@ from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.fit_point import Point, last_step, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by, whitened_square
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
-from scara_kinetostatic.calibration.noise import estimated_levels, growing, noise_of_residuals
+from scara_kinetostatic.calibration.noise import as_stated, estimated_levels, growing, noise_of_residuals
 from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS, find_good
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
@@ -305,7 +305,7 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
         noise, least = _noise_and_deviance(c, c.noise._replace(force_relative=0.01), c.cell)
         gain = _noise_and_deviance(c, c.noise, c.cell)[1] - least
         # stated levels that are all too small may explain the touches clearly better
-        plain, free = c.noise._replace(force_relative=None), replace(c.cell, noise=None)
+        plain, free = as_stated(c.noise._replace(force_relative=None), None), replace(c.cell, noise=None)
         other = np.inf if c.cell.noise is None else _noise_and_deviance(c, plain, free)[1]
     except np.linalg.LinAlgError:
         return None

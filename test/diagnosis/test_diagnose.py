@@ -41,12 +41,13 @@ def test_two_force_levels_show_no_curve_over_the_force():
     assert diagnose(calibrate(data, replace(CELL, noise=None))).verdict == 'none'
 
 
+@pytest.mark.parametrize('stated', [NOISE, Noise((8e-6, 1.2e-5), (0.34, 0.25))], ids=['common', 'of each axis'])
 @pytest.mark.parametrize(
     ('noise', 'verdict', 'said'),
     [(Noise(3e-5, 0.9), 'unexplained', 'too small'), (Noise(3e-6, 0.1), 'none', 'too large')],
 )
-def test_wrongly_stated_noise_is_distinguished_from_an_effect(noise, verdict, said):
-    found = diagnose(calibrate(touches(PAPER_ACTUAL, 1, noise=noise), CELL))
+def test_wrongly_stated_noise_is_distinguished_from_an_effect(stated, noise, verdict, said):
+    found = diagnose(calibrate(touches(PAPER_ACTUAL, 1, noise=noise), replace(CELL, noise=stated)))
     assert (found.verdict, found.dependences, found.found) == (verdict, (), ())
     assert said in found.advice
 
