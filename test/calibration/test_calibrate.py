@@ -115,6 +115,7 @@ def test_one_force_level_ties_gripper_compliance_and_backlash():
     for robot in ROBOTS:
         found = calibrate(touches(robot, levels=(40.0,)), UNKNOWN)
         assert found.identifiability.confounded == (('p_ee', 'g_ee'),)
+        assert found.base_rank == 11
     for seed in range(2):
         found = calibrate(touches(PAPER_ACTUAL, seed, levels=(40.0,), postures=(1,)), CELL)
         known = found.identifiability

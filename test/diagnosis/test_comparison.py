@@ -13,7 +13,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.cell import Noise, Uncertainty
 
 FRICTION = 0.05
 """Coefficient."""
@@ -27,6 +27,15 @@ def test_chi_square_of_both_is_in_the_same_noise(unnamed: Outcome) -> None:
     louder = Noise(2 * unnamed.final.noise.joint, 2 * unnamed.final.noise.force)
     doubled = replace(unnamed, diagnosis=replace(unnamed.diagnosis, extended=replace(unnamed.final, noise=louder)))
     assert doubled.comparison.base.reduced_chi_square == pytest.approx(given.base.reduced_chi_square / 4, rel=0.05)
+
+
+def test_what_is_trusted_beforehand_counts_as_measurements(grown: Outcome) -> None:
+    cell = replace(CELL, uncertainty=Uncertainty(nominal={'l1': 1e-5, 'l2': 1e-5}))
+    touches, law = simulate((effect('object_position[disc_2]'), (2e-4, 0.0))), effect('object_position[disc_2]')
+    given = replace(grown, calibration=calibrate(touches, cell))
+    extended = calibrate(touches, cell, [law])
+    both = replace(given, diagnosis=replace(given.diagnosis, extended=extended)).comparison
+    assert both.base.reduced_chi_square == pytest.approx(given.calibration.reduced_chi_square, rel=1e-3)
 
 
 def test_both_are_compared_on_the_touches_of_the_final_model(grown: Outcome) -> None:

@@ -14,6 +14,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.advice import open_questions
 from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis, EffectSet
+from scara_kinetostatic.diagnosis.verdict import suspects
 from scara_kinetostatic.model.cell import Noise, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.simulation.plan import default_plan
@@ -33,6 +34,12 @@ def test_a_cause_without_another_in_its_place_is_no_pair_that_cannot_be_distingu
     pair, single = text.split('. ')
     assert pair == 'these touches cannot distinguish sensor_bias and base_tilt'
     assert single == 'These touches do not show whether there is base_bow'
+
+
+def test_of_many_causes_the_first_are_named_and_the_others_counted():
+    labels = tuple(f'effect_{k}' for k in range(6))
+    assert 'effect_3 and 1 other' in open_questions('ambiguous', (), (labels[:5],), ())
+    assert 'effect_3 and 2 others' in open_questions('ambiguous', (), (labels,), ())
 
 
 def test_two_force_levels_show_no_curve_over_the_force():
@@ -135,4 +142,11 @@ def test_where_no_fit_that_the_search_began_at_explains_the_touches_small_errors
     drawn = odds.draw(task)
     found = diagnose(calibrate(drawn.touches(task), drawn.cell))
     assert (found.verdict, found.has_small_errors) == ('none', True)
-    assert found.refitted.p_value > 1e-3
+    fit = found.refitted
+    assert fit.p_value > 1e-3
+    size = {c: c.effect.size(c.parameter, drawn.cell.uncertainty.effects.arm) for c in fit.random.columns}
+    amounts = dict(zip(fit.random.columns, fit.random.size * fit.random_values, strict=True))
+    beyond = {c.effect.label for c, amount in amounts.items() if abs(amount) > size[c]}
+    assert {item.effect.label for item in suspects(fit)} == beyond != set()
+    values = {item.effect.label: item.values[0].value for item in suspects(fit) if len(item.effect.parameters) == 1}
+    assert values == {c.effect.label: pytest.approx(a) for c, a in amounts.items() if c.effect.label in values}

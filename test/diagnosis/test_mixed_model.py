@@ -16,6 +16,7 @@ from benchmark.lone_flaws import flaw, small
 from benchmark.population import DECLARED, Task, draw, judge
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.diagnosis import mixed_model
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
@@ -80,6 +81,14 @@ def test_without_effects_everything_is_as_the_fit_has_it(capfd):
     np.testing.assert_allclose(found.covariance, fit.covariance, rtol=1e-3, atol=1e-3 * np.abs(fit.covariance).min())
     assert diagnose(fit).refitted is None
     assert capfd.readouterr() == ('', '')  # LAPACK complains of matrices without rows
+
+
+def test_a_robot_as_described_takes_two_linearisations(monkeypatch):
+    solved = []
+    solve = mixed_model._solve
+    monkeypatch.setattr(mixed_model, '_solve', lambda *given: solved.append(given) or solve(*given))
+    fit_mixed(calibrate(TOUCHES, CELL), catalogue(CELL))
+    assert len(solved) <= 3
 
 
 def test_small_effects_together_do_not_imitate_friction():
