@@ -21,7 +21,7 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.simulation.mujoco import expected_parameters, scene_named
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches as simulate_plan

@@ -45,7 +45,7 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import prepare_candidates
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import RobotModel, tip_in_use
 from scara_kinetostatic.planning.program import next_files
 from scara_kinetostatic.simulation.plan import Plan

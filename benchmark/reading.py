@@ -32,7 +32,7 @@ RUNS, SLOW = 3, 30.0
 
 def write(path: Path, seconds: float, rate: float) -> int:
     """Writes the recording; returns the number of messages."""
-    from scara_kinetostatic.bags.messages import joint_state_messages, wrench_messages
+    from scara_kinetostatic.bags.decoding import joint_state_messages, wrench_messages
     from scara_kinetostatic.bags.writer import McapWriter, channels
 
     _, joint_states, wrench_topic = topics = channels(CELL)

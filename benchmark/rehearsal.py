@@ -13,7 +13,7 @@ import numpy as np
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import Plant, Reading

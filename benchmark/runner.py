@@ -44,7 +44,7 @@ from scara_kinetostatic.model.parameters import MOMENTS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import inside
-from scara_kinetostatic.planning.planner import known_or_infinite
+from scara_kinetostatic.planning.next_touches import known_or_infinite
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Body, ModelBody, Plant
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody, Scene
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -22,7 +22,7 @@ from scara_kinetostatic.files.urdf import read_robot
 from scara_kinetostatic.model.cell import Cell, Disc, layout_problems
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 
 TIP_RADIUS = 0.005
 """m."""

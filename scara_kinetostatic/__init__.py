@@ -93,8 +93,8 @@ if TYPE_CHECKING:
     from scara_kinetostatic.model.parameters import Parameters as Parameters
     from scara_kinetostatic.model.touch import TouchSet as TouchSet
     from scara_kinetostatic.pipeline import calibrate_recordings as calibrate_recordings
-    from scara_kinetostatic.results.files import as_document as as_document
-    from scara_kinetostatic.results.files import write_results as write_results
+    from scara_kinetostatic.results.document import as_document as as_document
+    from scara_kinetostatic.results.document import write_results as write_results
     from scara_kinetostatic.touches.detection import Detection as Detection
     from scara_kinetostatic.touches.detection import find_touches as find_touches
 

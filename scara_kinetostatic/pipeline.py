@@ -18,7 +18,7 @@ import numpy as np
 from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
 from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
-from scara_kinetostatic.bags.messages import reading
+from scara_kinetostatic.bags.decoding import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects, fixed_values, parse_fixed
 from scara_kinetostatic.calibration.held_out import held_out_force_error
@@ -257,7 +257,7 @@ def recordings_of(detection: Detection, sources: Sequence[str | Path]) -> tuple[
 
 
 def _discrimination(evidence: Evidence) -> Discrimination | None:
-    from scara_kinetostatic.planning.planner import discrimination_of  # most results have nothing to decide
+    from scara_kinetostatic.planning.next_touches import discrimination_of  # most results have nothing to decide
 
     return discrimination_of(evidence)
 

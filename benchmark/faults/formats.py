@@ -14,7 +14,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from benchmark.faults.outcomes import METADATA, Form
-from scara_kinetostatic.bags.messages import joint_state_messages, ros2_types, string_message, wrench_messages
+from scara_kinetostatic.bags.decoding import joint_state_messages, ros2_types, string_message, wrench_messages
 from scara_kinetostatic.bags.writer import BagWriter, channels, write_streams
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell

@@ -34,7 +34,7 @@ from scara_kinetostatic.interface import diagnose, simulate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.monitoring.history import History
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.results.files import load_result, write_results
+from scara_kinetostatic.results.document import load_result, write_results
 from scara_kinetostatic.simulation.plan import load_plan
 from scara_kinetostatic.studies.loops.dial_gauge import load_readings
 from scara_kinetostatic.studies.loops.record import load_record

@@ -32,7 +32,7 @@ from rosbags import rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from benchmark.common import CELL, parser, peak_memory, save
-from scara_kinetostatic.bags.messages import (
+from scara_kinetostatic.bags.decoding import (
     JOINT_STATE,
     TF_MESSAGE,
     WRENCH_STAMPED,

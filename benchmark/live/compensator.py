@@ -29,7 +29,7 @@ from std_msgs.msg import String
 
 from benchmark.cell_nodes import NodeProcesses
 from benchmark.common import parser, print_targets, save
-from scara_kinetostatic.bags.messages import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.decoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.files.calibration_file import arm_document

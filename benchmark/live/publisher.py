@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
-from scara_kinetostatic.bags.messages import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.decoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM

@@ -26,7 +26,7 @@ from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, S
 from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.lib.stride_tricks import sliding_window_view
 
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Budget, Storage, Topic, unpack
+from scara_kinetostatic.bags.decoding import BATCH, LARGEST_MESSAGE, Batch, Batches, Budget, Storage, Topic, unpack
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""

@@ -24,8 +24,7 @@ from pathlib import Path, PurePosixPath
 
 import zstandard
 
-from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
-from scara_kinetostatic.bags.messages import (
+from scara_kinetostatic.bags.decoding import (
     DISCARD_TOPIC,
     JOINT_STATE,
     LARGEST_MESSAGE,
@@ -50,6 +49,7 @@ from scara_kinetostatic.bags.messages import (
     ros_topic,
     unpack,
 )
+from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
 from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line, some_of
 from scara_kinetostatic.files.atomic import MIB
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell

@@ -13,7 +13,7 @@ from contextlib import suppress
 from io import BytesIO
 from typing import IO
 
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batch, Batches, Storage, Topic, ros2_types, unpack
+from scara_kinetostatic.bags.decoding import LARGEST_MESSAGE, Batch, Batches, Storage, Topic, ros2_types, unpack
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.touches.clock import SECOND
 

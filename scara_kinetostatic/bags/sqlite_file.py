@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
 
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Storage, Topic, batched
+from scara_kinetostatic.bags.decoding import LARGEST_MESSAGE, PORTION, Batches, Storage, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.atomic import KIB, MIB
 

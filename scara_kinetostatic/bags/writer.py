@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from scara_kinetostatic.bags.messages import (
+from scara_kinetostatic.bags.decoding import (
     DISCARD_TOPIC,
     JOINT_STATE,
     METADATA,

@@ -32,7 +32,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import (
+from scara_kinetostatic.cli.shared_arguments import (
     MAX_BYTES,
     SEVERAL,
     cell_option,
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_files
-    from scara_kinetostatic.results.files import RESIDUALS, RESULTS, residual_table, write_results
+    from scara_kinetostatic.results.document import RESIDUALS, RESULTS, residual_table, write_results
     from scara_kinetostatic.results.report import text_report
 
     inputs = [*args.bags, *([args.cell] if args.cell else [])]

@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import check_file, note, real
+from scara_kinetostatic.cli.shared_arguments import check_file, note, real
 from scara_kinetostatic.errors import InputError, ParameterError
 
 

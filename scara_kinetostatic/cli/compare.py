@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import JSON, out_option, print_report
+from scara_kinetostatic.cli.shared_arguments import JSON, out_option, print_report
 
 ARGUMENTS = (
     ('calibrations', 'CALIBRATION.json', Path, 'two or more, by time', {'nargs': '+'}),

@@ -32,7 +32,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import Option, check_file, note
+from scara_kinetostatic.cli.shared_arguments import Option, check_file, note
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -26,7 +26,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, SEVERAL, out_option, print_result, real
+from scara_kinetostatic.cli.shared_arguments import JSON, MAX_BYTES, SEVERAL, out_option, print_result, real
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 _CELL = 'topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)'

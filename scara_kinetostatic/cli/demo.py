@@ -18,7 +18,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import SEED, cell_option, real
+from scara_kinetostatic.cli.shared_arguments import SEED, cell_option, real
 from scara_kinetostatic.errors import OutputError
 
 if TYPE_CHECKING:

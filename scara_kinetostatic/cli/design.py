@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import (
+from scara_kinetostatic.cli.shared_arguments import (
     JSON,
     cell_option,
     cell_or_paper,

@@ -26,7 +26,7 @@ import argparse
 import math
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import JSON, out_option, print_report, real
+from scara_kinetostatic.cli.shared_arguments import JSON, out_option, print_report, real
 from scara_kinetostatic.errors import InputError
 
 _PARTS = ('gripper', 'joint1', 'joint2')

@@ -31,7 +31,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEVERAL, check_file, note, real
+from scara_kinetostatic.cli.shared_arguments import SEVERAL, check_file, note, real
 from scara_kinetostatic.errors import ParameterError
 
 _FORMATS = ('urdf', 'xacro', 'dh', 'csv', 'header')

@@ -22,7 +22,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import print_result
+from scara_kinetostatic.cli.shared_arguments import print_result
 from scara_kinetostatic.errors import InputError
 
 _ROBOT = 'name of the robot (default: as its cell description identifies it)'

@@ -24,7 +24,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import JSON, out_option, print_report
+from scara_kinetostatic.cli.shared_arguments import JSON, out_option, print_report
 from scara_kinetostatic.errors import InputError
 
 _PREDICT = 'records driven by load, to predict: from the unloading on, in loops after the first third'

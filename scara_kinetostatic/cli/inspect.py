@@ -15,7 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, cell_option, print_result
+from scara_kinetostatic.cli.shared_arguments import JSON, MAX_BYTES, cell_option, print_result
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     Raises:
         InputError: the recording or the cell cannot be read or is invalid.
     """
-    from scara_kinetostatic.bags.messages import reading
+    from scara_kinetostatic.bags.decoding import reading
     from scara_kinetostatic.bags.reader import open_recording, read_streams, recorded_cell
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.files.tables import is_touch_table

@@ -24,8 +24,8 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import check_file
 from scara_kinetostatic.cli.compensate import files, metadata_of, write
+from scara_kinetostatic.cli.shared_arguments import check_file
 
 ARGUMENTS = (
     *files('STATES.csv', 'joint angles and forces'),

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from scara_kinetostatic import __version__, cli
-from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
+from scara_kinetostatic.cli.shared_arguments import EXIT_STATUSES, Parser, add_verb
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError, naming_missing_libraries
 from scara_kinetostatic.threads import process_of_one_thread
 

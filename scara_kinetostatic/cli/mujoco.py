@@ -21,7 +21,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEED, cell_option, cell_or_paper, whole
+from scara_kinetostatic.cli.shared_arguments import SEED, cell_option, cell_or_paper, whole
 from scara_kinetostatic.errors import OutputError
 
 ARGUMENTS = (

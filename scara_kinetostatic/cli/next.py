@@ -24,13 +24,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import note, out_option, print_result, progress, whole
+from scara_kinetostatic.cli.shared_arguments import note, out_option, print_result, progress, whole
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.planning.planner import DecidingTouches, PlannedTouches, Planner
+    from scara_kinetostatic.planning.next_touches import DecidingTouches, PlannedTouches, Planner
 
 
 ARGUMENTS = (
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
         UnsupportedDataError: no touch can be reached, the tolerance is out of reach, or nothing is to be decided.
     """
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.planning.planner import USUAL_NUMBER
+    from scara_kinetostatic.planning.next_touches import USUAL_NUMBER
     from scara_kinetostatic.planning.program import next_files
 
     cell = load_cell(args.cell)
@@ -100,7 +100,7 @@ def _decision(planner: Planner, found: Diagnosis | None, number: int, from_file:
 def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | None]:
     """What recordings and calibration say; the diagnosis of a calibration by the recordings."""
     from scara_kinetostatic.files.calibration_file import nominal_arm
-    from scara_kinetostatic.planning.planner import Planner
+    from scara_kinetostatic.planning.next_touches import Planner
 
     nominal = nominal_arm(cell)
     if not args.calibration and not args.bags:

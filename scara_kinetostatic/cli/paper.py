@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import out_option, progress, whole
+from scara_kinetostatic.cli.shared_arguments import out_option, progress, whole
 
 ARGUMENTS = (out_option('paper'), ('--runs', 'N', whole(2), 'noisy data sets (default: 1000)', {'default': 1000}))
 

@@ -29,7 +29,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import MAX_BYTES, cell_option, out_option, print_result, progress
+from scara_kinetostatic.cli.shared_arguments import MAX_BYTES, cell_option, out_option, print_result, progress
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 _NO_REPORT = 'do not draw report.html of each recording, which takes a third of the time'

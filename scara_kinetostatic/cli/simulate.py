@@ -17,7 +17,7 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEED, SEVERAL, cell_option, cell_or_paper, real, whole
+from scara_kinetostatic.cli.shared_arguments import SEED, SEVERAL, cell_option, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
 _OUT = 'recording to make: a rosbag2 folder, or a file .mcap; must not exist'

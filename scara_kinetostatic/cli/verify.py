@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import JSON, MAX_BYTES, check_strict, out_option, print_report
+from scara_kinetostatic.cli.shared_arguments import JSON, MAX_BYTES, check_strict, out_option, print_report
 
 ARGUMENTS = (
     ('bags', 'BAG', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}),

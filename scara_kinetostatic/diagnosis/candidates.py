@@ -153,7 +153,7 @@ def gather(problem: LinearProblem, effects: Iterable[Effect]) -> CandidateSet:
             single.append((effect, trials[0]))
             continue
         scan = scan_trials(problem, effect, trials, len(trials))
-        if scan.gram.any():
+        if (scan.gram * scan.kept[..., None]).any():
             scans.append(scan)
         else:
             unidentifiable.append(Ranked.unidentifiable(effect, scan.independent_part))
@@ -214,7 +214,7 @@ def _share(gained: Floats, here: float) -> float:
 
 def gains(problem: LinearProblem, scan: Scan, beside: Floats | None = None) -> Floats:
     """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
-    gram, projected = scan.gram, scan.projected
+    gram, projected = scan.gram * scan.kept[..., None], scan.projected * scan.kept
     if beside is not None and beside.size:
         part = scan.columns.products(problem.marginal.apply(beside)) * scan.kept[..., None]
         gram = gram - part @ part.transpose(0, 2, 1)
@@ -235,8 +235,7 @@ def scan_trials(problem: LinearProblem, effect: Effect, trials: Sequence[Trial],
     whole, independent = (np.diagonal(part, axis1=1, axis2=2) for part in (square, gram))
     part = np.sqrt(np.clip(np.divide(independent, whole, out=np.zeros_like(whole), where=whole > 0), 0, 1))
     kept = (part > problem.least_independent_part) | (part.shape[1] > 1)
-    gram, most = gram * kept[:, :, None], float(part.max(initial=0.0))
-    return Scan(effect, trials, columns, kept, tried, most, square, gram, left * kept)
+    return Scan(effect, trials, columns, kept, tried, float(part.max(initial=0.0)), square, gram, left)
 
 
 def all_candidates(problem: LinearProblem, effects: Sequence[Effect]) -> CandidateSet:

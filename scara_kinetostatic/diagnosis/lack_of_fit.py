@@ -6,7 +6,7 @@ place on it, the time. Each such family of functions is added to the linearised 
 an F-test, which is valid whether the noise was given or estimated.
 
 **Score tests** look for further variances of the residual, beside those of the joint angles and of the force. The
-scatter of the residual of a fit is compared with what V of `calibration.estimate` says: if the noise of a
+scatter of the residual of a fit is compared with what V of `calibration.noise` says: if the noise of a
 touch has a further component, the squares of the whitened residuals are larger where that component acts. Each kind is
 tested by the score of its variance at zero, with those of the other kinds of any size, so that the p-value does not
 depend on the size of the stated noise.

@@ -172,7 +172,7 @@ class LinearProblem(NamedTuple):
 
     def beside_base(self, columns: TrialColumns) -> tuple[Floats, Floats, Floats]:
         """Inner products of columns multiplied by M, (t, m, m), of what is left of them beside J, (t, m, m), and of
-        that with y, (t, m).
+        that with y, (t, m). By differences: to 1e-6 of them where M takes at most 1e10 of a square.
         """
         rank = self.base.shape[1]
         along, left, rest = np.split(columns.products(self.seen), [rank, rank + 1], axis=2)
@@ -187,7 +187,7 @@ class LinearProblem(NamedTuple):
         depends = [e.force_dependence is ForceDependence.ALL or bool(trial.sensor_errors) for e, trial in single]
         noisy = (item[0].trials(self.larger_by_noise, grown)[0] for item, x in zip(single, depends, strict=True) if x)
         widths = np.array([len(trial.columns) for _, trial in single], dtype=np.intp)
-        of_noisy = np.repeat(depends, widths)
+        of_noisy = np.repeat(np.array(depends, dtype=bool), widths)
         changes = self.changes(*(trial for _, trial in single), *noisy).T.reshape(-1, *self.force.shape)
         columns, noise = changes[: len(of_noisy)], np.zeros((len(of_noisy), *self.force.shape))
         noise[of_noisy] = changes[len(of_noisy) :] - columns[of_noisy]
@@ -200,8 +200,8 @@ class LinearProblem(NamedTuple):
             explained[at], rank[at], part[at] = Additions.of(
                 gram, left, square, self.least_independent_part, made, NOISE_SHARE
             )
-        each = np.split(columns.reshape(len(columns), -1).T, np.cumsum(widths), axis=1)[:-1]
-        return each, Additions(explained, rank, part)
+        each = np.split(columns.reshape(len(columns), self.force.size).T, np.cumsum(widths), axis=1)[:-1]
+        return each, Additions(explained.tolist(), rank.tolist(), part.tolist())
 
     def changes(self, *trials: Trial) -> Floats:
         """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M."""

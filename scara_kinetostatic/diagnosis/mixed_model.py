@@ -17,7 +17,7 @@ of has the common size, not none. The root mean square of τ is taken, as square
 with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. What gross effects change is in
 the final estimate and its covariance by their probabilities (`averaged`), of those too that the touches do not show.
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
-along with the sizes, each by its sum of squares over its redundancy (`gaussian.linear_model.estimate_levels`).
+along with the sizes, each by its sum of squares over its redundancy (`gaussian.variance_components.estimate_levels`).
 
 **Estimate.** Values, errors and effects are those of the penalised least-squares problem (BLUP; Henderson 1950), their
 covariance is the inverse of its normal matrix, and the model is linearised there anew until it settles.

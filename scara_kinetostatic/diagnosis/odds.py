@@ -123,7 +123,7 @@ class OddsProblem(NamedTuple):
         return cls(beside.T @ beside, freedoms, is_declared, noise_given, constant, triangle, along)
 
     def log_likelihood(self, square: Floats, log_determinant: Floats) -> Floats:
-        """Of sums of squares in the metric of the noise and all sizes, and log determinants of the latter."""
+        """Of sums of squares in the metric of the noise and all sizes, arrays, and log determinants of the latter."""
         nu, square = self.freedoms, np.maximum(square, 1e-8 * self.freedoms)  # whitened, less is rounding
         if not self.noise_given:
             return self._of_unknown_noise(square) - 0.5 * log_determinant

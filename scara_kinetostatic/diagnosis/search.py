@@ -1,9 +1,9 @@
 """Search for missing effects: weigh all sets of effects at the latest fit, fit the likeliest one, weigh again, until it
 stays.
 
-Sets of effects are compared in the linear problem at a fit (`diagnosis.odds`), in which every effect of the catalogue
-has a small part by the size that the errors of this robot have as a whole. So a set is likely only where it explains
-what errors of that size do not.
+Which sets there are, up to three effects, and how likely each is in the linear problem at a fit, says
+`odds.posterior_odds`: every effect of the catalogue has a small part there by the size that the errors of this robot
+have as a whole. So a set is likely only where it explains what errors of that size do not.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     STRICT_SIGNIFICANCE,
     fitted_effects,
 )
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, fit_mixed
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
 from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, is_placed, weigh
@@ -60,7 +60,7 @@ class Search(NamedTuple):
     Attributes:
         weighed: the sets of effects at the fit with the likeliest one.
         base: the fit without effects of the catalogue that it belongs to.
-        without: the sets at the fits by which nothing may be missing, the likeliest first.
+        without: the sets at the fits by which nothing may be missing, the likeliest first; empty where something is.
         angles: label of random off-normal angles, which `base` then has; empty for none.
         angles_odds: log odds of these beforehand.
         angles_probability: of these.
@@ -284,12 +284,16 @@ def likeliest(c: Calibration, known: Sequence[Effect]) -> Search:
         if sure >= FOUND:
             best = _likeliest([*found, with_angles._replace(angles_probability=sure)])
     named = naming(best, known, best.wanted) if best.angles or best.named else best
-    if named.weighed.odds.none < POSSIBLE:
+    if named.angles or named.weighed.odds.none < POSSIBLE:
         return named
-    # a small wave is placed by a fit; the fit that all began at may explain nothing where this one does
     placed = [effect.label for effect in best.named if is_placed(effect)]
-    small = naming(best, known, placed).weighed
-    return named._replace(without=(small, plain) if len(placed) == len(best.named) else (plain, small))
+    if len(placed) == len(best.named):  # a small wave is placed by a fit
+        return named._replace(without=(best.weighed, plain))
+    if is_explained(plain.model.fit, STRICT_SIGNIFICANCE):
+        return named._replace(without=(plain,))
+    # the fit that all began at explains nothing: one begun where this has come to may
+    small = naming(best, known, placed)
+    return named._replace(without=(small.weighed,) if len(small.named) == len(placed) else ())
 
 
 def _plain(c: Calibration, known: Sequence[Effect], *, keeps_touches: bool = False) -> Weighed:
@@ -326,7 +330,8 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
             pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
     effects, values = zip(*(pairs[label] for label in labels), strict=True) if labels else ((), ())
     with suppress(*_NO_FIT):
-        named = fit_mixed(base, known, ExtendedModel(model.parameters, effects, values))
+        begun = ExtendedModel(model.parameters, effects, values)
+        named = fit_mixed(base, known, begun, freedoms=LIGHT_TAILS if labels else HEAVY_TAILS)
         if _predicts(named.fit, base):
             return found._replace(weighed=weigh(named, known))
     return found

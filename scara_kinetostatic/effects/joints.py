@@ -1,6 +1,6 @@
 """Errors of a joint: gain of its encoder, the other joint's angle, a cable's torque, a compliance that
 depends on the torque, hysteresis; a periodic error of its transmission; slip with memory. The law (6) itself is
-`model.kinematics`.
+`model.joint_law`.
 
 **Slip** is a second spring behind friction, constant or growing with the load that it carries:
 δ = compliance · P(C), with P the play operator (`model.touch.play_operator`) over the torque C. Its state depends on

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc, fdtrc, fdtri
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask
 
 _NO_RANK = 1e-9
 """Part of a unit column below which a direction adds no rank."""
@@ -122,14 +122,14 @@ class Additions(NamedTuple):
     """What groups of columns, as wide as each other, add to a fit by themselves.
 
     Attributes:
-        explained: decrease of its sum of squares, (k,).
-        rank: independent directions, (k,).
-        part: largest part of a unit column that is independent of the fit, (k,).
+        explained: decrease of its sum of squares, of each.
+        rank: independent directions of each.
+        part: largest part of a unit column of each that is independent of the fit.
     """
 
-    explained: Floats
-    rank: Indices
-    part: Floats
+    explained: list[float]
+    rank: list[int]
+    part: list[float]
 
     @classmethod
     def of(
@@ -152,8 +152,8 @@ class Additions(NamedTuple):
         values, vectors, independent = _directions(gram * both, least, made, most_noise)
         along = np.einsum('kij,ki->kj', vectors, projected * scale)
         explained = np.divide(along**2, values, out=np.zeros_like(values), where=independent)
-        part = np.sqrt(np.clip(values.max(axis=1, initial=0.0), 0.0, 1.0))
-        return cls(explained.sum(axis=1), independent.sum(axis=1), part)
+        part = np.sqrt(np.minimum(values.max(axis=1, initial=0.0), 1.0))
+        return cls(explained.sum(axis=1).tolist(), independent.sum(axis=1).tolist(), part.tolist())
 
 
 def inverse_sizes(square: Floats) -> Floats:

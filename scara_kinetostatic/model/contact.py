@@ -24,7 +24,7 @@ becomes a_i = 0, the force line passes through the joint's axis, and q_i no
 longer matters as long as the joint stays inside its backlash. The modes are found as
 in a complementarity problem, see `next_modes`.
 
-**Gravity** (`joint_law`) adds a torque t to f a: the actuators exert C = f a + t. A joint floats where C = 0. Its row
+**Gravity** (`gravity`) adds a torque t to f a: the actuators exert C = f a + t. A joint floats where C = 0. Its row
 is C / f then, of which f counts as a constant.
 
 **Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b], G = A M⁻¹,

@@ -16,7 +16,7 @@ deviations, and a straight line across the dead band between. So the joint angle
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
 3/4 or more, also where a link is pressed along itself: the equations have one solution, so H̄ and Ḡ are each other's
 inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n. Under gravity c contains its torque
-(`joint_law`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
+(`gravity`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
 
 What is left out inside the band, the sign, is part of the uncertainty: the variance g²/3 (1 - s²), that of a uniform
 distribution over the dead band at its middle, nothing at its edge.
@@ -642,7 +642,7 @@ def direct_kinetostatics(
     """H̄: the tip's place and the torques from what sensors measure, actuator angles and the force, by law (6).
 
     Where a link is nearly in line with a force that compresses it, law (6) has several solutions. Use of a calibration,
-    where nothing may jump, is `tip`.
+    where nothing may jump, is `tip_under_load`.
 
     Args:
         model: the extended model, or L̄ of the base model alone.

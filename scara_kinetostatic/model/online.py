@@ -1,4 +1,4 @@
-"""H̄ of one pose after the other, as they come at 1 kHz: the equations of `tip` with plain floats.
+"""H̄ of one pose after the other, as they come at 1 kHz: the equations of `kinetostatics` with plain floats.
 
 For one pose, arrays take ten times as long as the arithmetic. What effects add is worked out with arrays all the same.
 

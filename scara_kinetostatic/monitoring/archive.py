@@ -31,7 +31,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_a
 from scara_kinetostatic.monitoring.report import history_report
 from scara_kinetostatic.pipeline import calibrate_files
 from scara_kinetostatic.report.page import Block, Report, Section, Table, Verdict, drawn
-from scara_kinetostatic.results.files import JSON, write_results
+from scara_kinetostatic.results.document import JSON, write_results
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
 from scara_kinetostatic.threads import one_thread
 from scara_kinetostatic.touches.detection import cell_of_files

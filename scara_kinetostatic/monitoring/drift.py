@@ -1,4 +1,5 @@
-"""Drift monitor: a CUSUM over the touches of production, each held against the prediction of the calibration.
+"""Drift monitor: a CUSUM over the touches of production, each held against the prediction of the calibration. How
+calibrations follow each other is `history`.
 
 With the state x of `change` and the calibration's knowledge δ ~ N(0, C₀) before touch 1, the knowledge after touch τ is
 N(m_τ, C_τ). A change d after touch τ is tested by what the touches τ+1 … t add: the likelihood ratio statistic T of

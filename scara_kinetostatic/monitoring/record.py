@@ -34,9 +34,9 @@ from scara_kinetostatic.model.extended_model import TouchMetadata, reported_forc
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.report.page import Document
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 
 _REMEDY = 'calibrate again with this version'
 _ONE_ROBOT = 'give files of one robot'

@@ -72,7 +72,7 @@ def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
         ScaraKinetostaticError: there is no result, or its files cannot be written.
     """
     from scara_kinetostatic.pipeline import calibrate_files
-    from scara_kinetostatic.results.files import write_results
+    from scara_kinetostatic.results.document import write_results
 
     has_read = False
 

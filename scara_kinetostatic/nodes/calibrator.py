@@ -32,7 +32,7 @@ from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, 
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.page import Document
-from scara_kinetostatic.results.files import FACTS, GROUP, JSON, YAML, StoredResult, load_result
+from scara_kinetostatic.results.document import FACTS, GROUP, JSON, YAML, StoredResult, load_result
 
 _RESULT = {
     **{f'calibrated.{name}': f'{DESCRIPTIONS[name]}, {unit}' for name, unit in UNITS.items()},

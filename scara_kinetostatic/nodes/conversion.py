@@ -25,7 +25,7 @@ from std_msgs.msg import ColorRGBA, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.bags.messages import Fields, aligned, joint_fields, unlike_lengths, wrench_fields
+from scara_kinetostatic.bags.decoding import Fields, aligned, joint_fields, unlike_lengths, wrench_fields
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.tables import COLUMNS
@@ -37,7 +37,7 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import MILLI
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.page import Document
-from scara_kinetostatic.results.files import JSON
+from scara_kinetostatic.results.document import JSON
 from scara_kinetostatic.touches.clock import SECOND, JointParts, Samples
 
 TOUCH_NUMBERS = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N', 'approach1', 'approach2', 'press1', 'press2'

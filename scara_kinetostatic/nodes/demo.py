@@ -27,7 +27,7 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
-from scara_kinetostatic.results.files import YAML, StoredResult, load_result
+from scara_kinetostatic.results.document import YAML, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
 RATE = 125.0
@@ -110,7 +110,7 @@ def own_domain() -> Iterator[int]:
 
     Two that look at the same time would both find the ports of DDS free until the first participant has bound them,
     seconds later where a process is started: the one who holds TCP port 7400 + 250 d, of which DDS makes no use, has
-    the domain.
+    the domain. Where all 99 are taken it is shared.
     """
     domains = _domains()
     with socket.socket() as lock:

@@ -32,7 +32,7 @@ from rclpy.wait_for_message import wait_for_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from scara_kinetostatic.bags.messages import TF_STATIC, decode_transforms
+from scara_kinetostatic.bags.decoding import TF_STATIC, decode_transforms
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NANO

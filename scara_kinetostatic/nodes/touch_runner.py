@@ -60,8 +60,8 @@ from scara_kinetostatic.nodes.conversion import Sample, follow_joint_trajectory,
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import RecordingNode, Session
 from scara_kinetostatic.nodes.streams import LATCHED, QUEUE, CellStreams, Stream, publishers_of
-from scara_kinetostatic.planning.planner import Planner, known_or_infinite
-from scara_kinetostatic.results.files import YAML, load_result
+from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
+from scara_kinetostatic.results.document import YAML, load_result
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status

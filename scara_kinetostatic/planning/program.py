@@ -18,7 +18,7 @@ from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.planning.motion import Waypoints
-from scara_kinetostatic.planning.planner import PlannedTouches, Planner
+from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan import POSTURE_NAMES, dump_plan
 
 CONTACT = 0.1

@@ -27,7 +27,7 @@ A verb makes a `Report` from its result; figures are drawn when the page is made
 
 `json_text` takes dataclasses, named tuples, arrays, enums and times as they are, and writes null for a number that is
 not finite. A block for one of the two alone is in ``Section('', (…), shown='page')`` or ``'terminal'``; one that few
-need is ``folded``. Values become text by `model.parameters.shown`; pictures SVG by `figure.as_svg`.
+need is ``folded``. Values become text by `model.quantities.shown`; pictures SVG by `figure.as_svg`.
 """
 
 from __future__ import annotations

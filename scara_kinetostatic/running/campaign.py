@@ -28,7 +28,7 @@ from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Waypoints
-from scara_kinetostatic.planning.planner import PlannedTouches, Planner
+from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, ROUNDING, Plan, reach
 from scara_kinetostatic.touches.detection import Detection
 

@@ -2,7 +2,7 @@
 
 Every touch: travel to where the approach begins, with one command; take the zero of the force; approach slowly until
 the force says contact; press in steps to the force that is wanted, dragging the tip aside
-(`tip.press_aside`); hold; retract to where the approach began; wait for the judgement of the collector's own
+(`kinetostatics.press_aside`); hold; retract to where the approach began; wait for the judgement of the collector's own
 detection. The script of it is a generator that is resumed with every `tick`.
 
 **Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
@@ -33,7 +33,7 @@ from scara_kinetostatic.model.kinetostatics import press_aside, tip_yield
 from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters
 from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.planning.motion import Waypoints
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker, length
 from scara_kinetostatic.running.robot import (

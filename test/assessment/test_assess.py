@@ -31,7 +31,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.model.quantities import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -11,7 +11,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
-from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED, joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.decoding import JOINT_STATE, WRENCH_STAMPED, joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL

@@ -9,7 +9,7 @@ import numpy as np
 from bags.forms import STORE, Message, force_messages, joint_messages
 from numpy.typing import NDArray
 
-from scara_kinetostatic.bags.messages import TF_MESSAGE, TF_STATIC
+from scara_kinetostatic.bags.decoding import TF_MESSAGE, TF_STATIC
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan

@@ -11,7 +11,7 @@ from bags.forms import joint_state as joint_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scara_kinetostatic.bags.messages import (
+from scara_kinetostatic.bags.decoding import (
     JOINT_STATE,
     STRING,
     WRENCH_STAMPED,

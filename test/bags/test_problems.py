@@ -27,8 +27,8 @@ from bags.forms import (
 )
 from mcap.writer import CompressionType
 
-from scara_kinetostatic.bags import messages as bag_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED, string_message
+from scara_kinetostatic.bags import decoding
+from scara_kinetostatic.bags.decoding import JOINT_STATE, WRENCH_STAMPED, string_message
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.errors import CellError, RecordingError
@@ -355,6 +355,6 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
 
 
 def test_a_file_that_grows_without_end_when_decompressed(tmp_path, monkeypatch):
-    monkeypatch.setattr(bag_messages, '_BYTES', 1 << 20)
+    monkeypatch.setattr(decoding, '_BYTES', 1 << 20)
     (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
     assert 'unpacks to more than 1048576 bytes' in refused(tmp_path / 'a.db3.zstd')

@@ -30,7 +30,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer
 from rosbags.rosbag2 import CompressionMode
 
-from scara_kinetostatic.bags.messages import DISCARD_TOPIC, STRING, string_message
+from scara_kinetostatic.bags.decoding import DISCARD_TOPIC, STRING, string_message
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame

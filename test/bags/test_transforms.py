@@ -11,7 +11,7 @@ import pytest
 from bags.forms import CELL, Message, record, write_mcap
 from bags.mounted import ANGLE, TOOL_CELL, mounted_messages, mounted_streams, transform_message, transforms
 
-from scara_kinetostatic.bags.messages import TF_MESSAGE, TF_STATIC, decode_transforms, wrench_fields
+from scara_kinetostatic.bags.decoding import TF_MESSAGE, TF_STATIC, decode_transforms, wrench_fields
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.errors import RecordingError

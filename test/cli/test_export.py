@@ -12,7 +12,7 @@ from cli.command import refused
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.report.page import json_text
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 
 
 @pytest.fixture

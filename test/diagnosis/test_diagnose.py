@@ -11,10 +11,13 @@ from diagnosis.simulated import MORE, check_explained, deviations, effect, named
 
 from benchmark import odds
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.advice import open_questions
 from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis, EffectSet
 from scara_kinetostatic.diagnosis.verdict import suspects
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Noise, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.simulation.plan import default_plan
@@ -136,11 +139,29 @@ def test_a_wave_of_usual_size_at_one_frequency_is_no_gross_effect_and_in_the_fit
     assert np.abs(deviations(found.refitted)).max() < 4
 
 
-def test_where_no_fit_that_the_search_began_at_explains_the_touches_small_errors_do_where_it_ended():
-    """All small errors at three times their typical sizes, one touch rejected."""
+@pytest.fixture(scope='module')
+def three_times() -> tuple[odds.Drawn, Calibration]:
+    """All small errors at three times their sizes, one touch rejected: no fit that a search begins at explains it."""
     task = odds.Task('', 300317, None)
     drawn = odds.draw(task)
-    found = diagnose(calibrate(drawn.touches(task), drawn.cell))
+    return drawn, calibrate(drawn.touches(task), drawn.cell)
+
+
+def test_no_verdict_is_based_on_a_fit_with_names_where_there_is_none_without(three_times, monkeypatch):
+    fit = search.fit_mixed
+
+    def only_with_names(c, known, named=None, **options):
+        if named is not None and all(effect.grid_parameter for effect in named.effects):
+            raise UnsupportedDataError('no fit')
+        return fit(c, known, named, **options)
+
+    monkeypatch.setattr(search, 'fit_mixed', only_with_names)
+    assert diagnose(three_times[1]).verdict != 'none'
+
+
+def test_where_no_fit_that_the_search_began_at_explains_the_touches_small_errors_do_where_it_ended(three_times):
+    drawn, calibration = three_times
+    found = diagnose(calibration)
     assert (found.verdict, found.has_small_errors) == ('none', True)
     fit = found.refitted
     assert fit.p_value > 1e-3

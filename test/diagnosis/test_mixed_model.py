@@ -30,7 +30,7 @@ from scara_kinetostatic.model.parameters import NAMES, P2, PAPER_ACTUAL, PAPER_N
 from scara_kinetostatic.monitoring.comparison import compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

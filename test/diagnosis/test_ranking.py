@@ -49,3 +49,10 @@ def test_everything_in_the_catalogue_is_ranked_once():
     best = found.ranking[0]
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
+
+
+def test_of_no_effects_there_are_no_candidates():
+    problem = pose_problem(calibrate(simulate(), CELL))
+    assert gather(problem, []).candidates == ()
+    (columns, additions) = problem.additions([])
+    assert (columns, additions.rank) == ([], [])

@@ -27,7 +27,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.results.report import text_report
 
 SHIFTS = {

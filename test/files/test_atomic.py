@@ -15,8 +15,8 @@ import pytest
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.atomic import recording_checksum
-from scara_kinetostatic.results import files
-from scara_kinetostatic.results.files import write_results
+from scara_kinetostatic.results import document
+from scara_kinetostatic.results.document import write_results
 
 DATE = datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)
 FILES = {'calibration.yaml', 'calibration.json', 'report.html', 'residuals.csv'}
@@ -24,7 +24,7 @@ FILES = {'calibration.yaml', 'calibration.json', 'report.html', 'residuals.csv'}
 
 @pytest.fixture(autouse=True)
 def quick_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files.page, 'html_text', lambda outcome: '<!DOCTYPE html>\n')
+    monkeypatch.setattr(document.page, 'html_text', lambda outcome: '<!DOCTYPE html>\n')
 
 
 def names(folder: Path) -> set[str]:

@@ -21,7 +21,7 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.report.page import json_text
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 
 
 def same(one: CalibratedArm, other: CalibratedArm) -> None:

@@ -23,7 +23,7 @@ from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Identification
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.results.files import residual_table
+from scara_kinetostatic.results.document import residual_table
 
 POISONS = (
     '${1/0}', '$(eval 1+1)', "${xacro.load_yaml('SECRET')['key']}", '$(find nothing)', '$(arg standalone)',

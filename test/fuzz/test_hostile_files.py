@@ -13,15 +13,15 @@ from benchmark.faults import fuzz, hostile
 from benchmark.faults.formats import short_streams
 from benchmark.faults.hostile import Cost
 from benchmark.faults.outcomes import time_limit
-from scara_kinetostatic.bags import messages as bag_messages
-from scara_kinetostatic.bags.messages import MAX_BYTES, Budget
+from scara_kinetostatic.bags import decoding
+from scara_kinetostatic.bags.decoding import MAX_BYTES, Budget
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.calibration_file import stored_covariance
 from scara_kinetostatic.report.page import json_text
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 
 CHEAP = (
     'mcap_length_beyond_the_file', 'mcap_repeated_schemas', 'mcap_many_layouts', 'mcap_many_joints',
@@ -70,8 +70,8 @@ def test_the_limit_can_be_raised(tmp_path, monkeypatch, capsys):
     write_streams(path, streams, CELL)
     monkeypatch.setenv(MAX_BYTES, '1000')
     read_streams(path, CELL)  # it never lowers the limit
-    monkeypatch.setattr(bag_messages, '_BYTES', 1000)
-    monkeypatch.setattr(bag_messages, '_BYTES_RATIO', 0)
+    monkeypatch.setattr(decoding, '_BYTES', 1000)
+    monkeypatch.setattr(decoding, '_BYTES_RATIO', 0)
     with pytest.raises(RecordingError, match='more than 1000 bytes, implausible for its size; if you trust it, raise'):
         read_streams(path, CELL)
     monkeypatch.setenv(MAX_BYTES, 'many')

@@ -78,8 +78,8 @@ def test_what_columns_add_is_what_their_independent_directions_explain(noise):
         assert unit.shape[1] == rank
         assert explained == pytest.approx(np.square(unit.T @ y).sum())
     scaled = np.linalg.norm(left, axis=1) / np.linalg.norm(columns, axis=1)
-    assert ((found.part >= scaled.max(axis=1)) & (found.part <= 1)).all()
-    assert (found.rank.tolist() == [3, 2]) == (noise == 0.0)
+    assert ((found.part >= scaled.max(axis=1)) & (np.array(found.part) <= 1)).all()
+    assert (found.rank == [3, 2]) == (noise == 0.0)
 
 
 def test_f_test_is_that_of_the_textbook():

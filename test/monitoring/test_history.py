@@ -21,7 +21,7 @@ from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import history_report
 from scara_kinetostatic.report.page import as_text, json_text
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 
 assert recordings and run  # fixtures
 

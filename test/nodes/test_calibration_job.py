@@ -24,7 +24,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.calibration_job import Job, do
 from scara_kinetostatic.pipeline import REASON, calibrate_files
 from scara_kinetostatic.results import report as page
-from scara_kinetostatic.results.files import load_result
+from scara_kinetostatic.results.document import load_result
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 

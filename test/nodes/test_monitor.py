@@ -27,7 +27,7 @@ from scara_kinetostatic.nodes.session import JudgedTouch
 from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.page import json_text
-from scara_kinetostatic.results.files import as_document
+from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.touches.detection import DISCARDED
 
 

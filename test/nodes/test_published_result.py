@@ -26,7 +26,7 @@ from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.page import json_text
-from scara_kinetostatic.results.files import as_document, facts, parameter_text
+from scara_kinetostatic.results.document import as_document, facts, parameter_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

@@ -16,7 +16,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import choose
 from scara_kinetostatic.planning.discrimination import Rivals
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan
 from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.running.campaign import calibrated

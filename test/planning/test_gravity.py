@@ -13,7 +13,7 @@ from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import LEAST_ARM, candidate_plan
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import RobotModel, exact_plan, predict, tip_in_use, tip_std
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidate_touches import largest_variance
 from scara_kinetostatic.planning.motion import Capsules, short_order
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
 from scara_kinetostatic.running.campaign import clear_start

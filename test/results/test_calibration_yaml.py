@@ -18,7 +18,7 @@ from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.results.files import facts, load_result, parameter_text
+from scara_kinetostatic.results.document import facts, load_result, parameter_text
 
 
 @pytest.mark.parametrize('which', ['plain', 'confounded'])

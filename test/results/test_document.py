@@ -17,7 +17,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import calibration_file
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS
 from scara_kinetostatic.report.page import json_text
-from scara_kinetostatic.results.files import as_document, write_results
+from scara_kinetostatic.results.document import as_document, write_results
 
 REAL = (int, float)
 CONTRACT = {

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Space, Waypoints
-from scara_kinetostatic.planning.planner import Planner
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.running.campaign import Campaign, End, Knowledge, calibrated, clear_start
 from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Fault, Senses, Track
 from scara_kinetostatic.running.runner import Runner

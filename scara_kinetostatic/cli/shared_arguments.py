@@ -124,7 +124,7 @@ def out_option(default: str = '', files: str = '', *, required: bool = False) ->
 
 def _max_bytes(text: str) -> int:
     """Holds for child processes as well."""
-    from scara_kinetostatic.bags.messages import MAX_BYTES as VARIABLE
+    from scara_kinetostatic.bags.decoding import MAX_BYTES as VARIABLE
 
     os.environ[VARIABLE] = str(value := whole(1)(text))
     return value
