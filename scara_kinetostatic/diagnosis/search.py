@@ -30,7 +30,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     STRICT_SIGNIFICANCE,
     fitted_effects,
 )
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
 from scara_kinetostatic.diagnosis.odds import NUMBER, UNNAMED
 from scara_kinetostatic.diagnosis.result import EffectSet
 from scara_kinetostatic.diagnosis.weighing import LEAST, Weighed, is_placed, weigh
@@ -330,8 +330,7 @@ def naming(found: Search, known: Sequence[Effect], labels: Sequence[str]) -> Sea
             pairs[label] = item.effect, tuple(item.trial.values(np.zeros(len(item.trial.columns))))
     effects, values = zip(*(pairs[label] for label in labels), strict=True) if labels else ((), ())
     with suppress(*_NO_FIT):
-        begun = ExtendedModel(model.parameters, effects, values)
-        named = fit_mixed(base, known, begun, freedoms=LIGHT_TAILS if labels else HEAVY_TAILS)
+        named = fit_mixed(base, known, ExtendedModel(model.parameters, effects, values))
         if _predicts(named.fit, base):
             return found._replace(weighed=weigh(named, known))
     return found
