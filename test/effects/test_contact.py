@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from effects.scenes import KIND_LABELS, KINDS, Scene, plausible, random_scene, with_effect
 from model.helpers import ROBOTS, STEPS
 
+from scara_kinetostatic.effects.objects import EdgeBow
 from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
@@ -67,3 +70,13 @@ def compare(given: np.ndarray, pair: list[Contact], found: Contact, step: float,
     size = np.sqrt((numeric**2).mean())
     error = np.sqrt(((given[good] - numeric) ** 2).mean())
     assert error <= allowed * size
+
+
+def test_the_middle_of_a_bowed_edge_stands_out_and_its_ends_do_not():
+    """Along the normal 1 - (s/h)², along the tangent by the slope 2 s/h² at the centre of the tip, r from the edge."""
+    s, half, radius = np.array([-0.1, -0.05, 0.0, 0.1]), 0.1, 0.005
+    tangents, none = np.tile([0.6, 0.8], (4, 1)), np.zeros((4, 2))
+    at = SimpleNamespace(tangents=tangents, normal=none, along_edge=s, radii=np.full(4, radius))
+    (place,) = EdgeBow('block.1', half=half).places(at)
+    np.testing.assert_allclose((place * [-0.8, 0.6]).sum(axis=1), [0.0, 0.75, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose((place * tangents).sum(axis=1), 2 * s / half**2 * radius, atol=1e-12)

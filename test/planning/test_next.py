@@ -125,11 +125,13 @@ def test_the_whole_program_keeps_clear_and_within_the_limits(number):
         assert away_from_outlines(cell, places).min() >= planner.space.clearance - 2e-4
 
 
+@pytest.mark.parametrize('preload', [0.0, 0.3])
 @pytest.mark.parametrize('lift', [None, LIFT])
-def test_the_steps_of_every_touch_are_in_order(lift):
+def test_the_steps_of_every_touch_are_in_order(lift, preload):
     cell = replace(CELL, lift=lift, touch=CELL.touch._replace(speed=0.3))
     planner = planner_of(cell)
     planned = planner.accurate(9)
+    planned = planned._replace(plan=replace(planned.plan, preload=np.full(9, preload)))
     steps = program(planner, planned)
     assert [step.touch for step in steps] == sorted(step.touch for step in steps)
     for number, (force, preload) in enumerate(zip(planned.plan.force, planned.plan.preload, strict=True), 1):
