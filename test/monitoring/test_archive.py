@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 import dask
 import pytest
 from cli.command import Run
 from cli.conftest import run
-from distributed import LocalCluster
 
 from benchmark.common import CELL, dump_touch_table
 from scara_kinetostatic import simulate
@@ -130,13 +133,28 @@ def test_folders_of_the_same_name(tmp_path: Path) -> None:
     assert found[:2] == [Path('a/x.mcap'), Path('b/x.mcap')]
 
 
-def test_a_cluster_that_cannot_be_used(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@contextmanager
+def scheduler_without_workers(file: Path) -> Iterator[str]:
+    """Its address; a process of its own."""
+    options = ['--host', '127.0.0.1', '--port', '0', '--no-dashboard', '--scheduler-file', str(file)]
+    with subprocess.Popen([sys.executable, '-m', 'distributed.cli.dask_scheduler', *options]) as process:
+        try:
+            end = monotonic() + 300
+            while not (file.exists() and file.read_text(encoding='utf-8').endswith('}')):
+                assert process.poll() is None and monotonic() < end
+                sleep(0.05)
+            yield json.loads(file.read_text(encoding='utf-8'))['address']
+        finally:
+            process.kill()
+
+
+def test_a_cluster_that_cannot_be_used(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     common = ('recalibrate', folder / 'left/monday.csv', '--cell', folder / 'cell.yaml', '--out', 'a')
     wrong = run(*common, '--dask', 'nonsense')
     assert wrong.status == 2 and 'no scheduler at nonsense; start one by `dask scheduler`' in wrong.err
     monkeypatch.setattr(archive, 'PATIENCE', 0.2)
-    with LocalCluster(n_workers=0, processes=False, dashboard_address='127.0.0.1:0') as cluster:
-        wrong = run(*common, '--dask', cluster.scheduler_address)
+    with scheduler_without_workers(tmp_path / 'scheduler.json') as address:
+        wrong = run(*common, '--dask', address)
     assert wrong.status == 2 and 'has no worker' in wrong.err
     monkeypatch.setitem(sys.modules, 'distributed', None)
     wrong = run(*common)
