@@ -20,8 +20,8 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.contact import has_no_sure_sign
 from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel
+from scara_kinetostatic.model.flanks import has_no_sure_sign
 from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters

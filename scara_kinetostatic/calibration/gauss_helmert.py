@@ -36,20 +36,17 @@ from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import (
-    Arm,
     Equations,
-    State,
     across,
     all_derivatives,
     extended_equations,
     free_state,
-    keep_flanks,
-    next_modes,
     off_normal_derivative,
     shift_column,
     solve_links,
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel, Shift, reported_force, sensor_derivatives, true_force
+from scara_kinetostatic.model.flanks import Arm, State, keep_flanks, next_modes
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
 

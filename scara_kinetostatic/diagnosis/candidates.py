@@ -20,7 +20,8 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
-from scara_kinetostatic.gaussian.linear_model import Additions, f_test, orthonormal
+from scara_kinetostatic.gaussian.linear_model import Additions, orthonormal
+from scara_kinetostatic.gaussian.p_values import f_test
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.extended_model import ExtendedModel
 

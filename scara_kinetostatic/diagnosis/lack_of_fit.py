@@ -67,10 +67,11 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 from scara_kinetostatic.diagnosis.result import Dependence, Diagnosis
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.gaussian import least_squares
-from scara_kinetostatic.gaussian.linear_model import blocks, f_test, independent_part, orthonormal
+from scara_kinetostatic.gaussian.linear_model import blocks, independent_part, orthonormal
+from scara_kinetostatic.gaussian.p_values import f_test
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.contact import view_arm
+from scara_kinetostatic.model.flanks import view_arm
 
 
 def _families(calibration: Calibration, point: Point) -> Iterator[tuple[str, Floats, Floats | None]]:

@@ -15,7 +15,7 @@ named, τ_g / τ_0 is half-Cauchy, too: its tails leave one large flaw among sma
 small. What is left is more alike: three degrees of freedom. The density in log τ counts: what the touches say nothing
 of has the common size, not none. The root mean square of τ is taken, as squares add up in a variance: exp(log τ + v)
 with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. What gross effects change is in
-the final estimate and its covariance by their probabilities (`averaged`), of those too that the touches do not show.
+the final estimate and its covariance by their probabilities (`model_averaging`), of those too that no touch shows.
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
 along with the sizes, each by its sum of squares over its redundancy (`gaussian.variance_components.estimate_levels`).
 
@@ -36,26 +36,10 @@ from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise import USUAL_NOISE, raised
-from scara_kinetostatic.calibration.observations import (
-    ASSUMED_PLACES,
-    LARGE_EFFECT,
-    RIVALS,
-    VALUE,
-    Prior,
-    RandomEffects,
-    Source,
-)
+from scara_kinetostatic.calibration.observations import Prior, RandomEffects, Source
 from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS, find_good, studentised
-from scara_kinetostatic.calibration.result import (
-    Alternative,
-    Calibration,
-    Contribution,
-    enlargement_of,
-    of_full_model,
-    outlier_rejections,
-)
+from scara_kinetostatic.calibration.result import Calibration, enlargement_of, outlier_rejections
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
-from scara_kinetostatic.calibration.uncertainty_budget import by_assumed_places
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
 from scara_kinetostatic.diagnosis.odds import NEEDED
 from scara_kinetostatic.effects.base import Effect
@@ -540,91 +524,6 @@ def _result(step: _Step, base: Calibration) -> MixedModel:
         level = np.where(stated, 1.0, _random_sizes(moved) * common / c.random.size)
     typical, is_free = _random_sizes(moved) / _random_sizes(c), _of_random(moved, solved.group) >= 0
     return MixedModel(c, level, typical, is_free, step.deviance, step.rejected, solved)
-
-
-def with_assumed_places(c: Calibration) -> Calibration:
-    """A calibration with places of undeclared objects as uncertain as is assumed of them."""
-    more = by_assumed_places(c)
-    return c if more is None else _with_contribution(c, ASSUMED_PLACES, more)
-
-
-def averaged(c: Calibration, alternatives: Sequence[Alternative], undetected: Floats) -> Calibration:
-    """A fit at the mean of the sets of effects that may be gross, by their probabilities, with their scatter in its
-    covariance (law of total variance). Where the model is not defined at the mean the fit stays where it is.
-
-    Args:
-        c: the fit.
-        alternatives: the values by each set.
-        undetected: what of their covariance is of effects that are not seen.
-    """
-    if not alternatives:
-        return c
-    weight = np.array([item.probability for item in alternatives])
-    mean = weight @ np.array([item.change for item in alternatives])
-    of_model, errors, random = np.split(mean, np.cumsum([len(c.model.names), len(c.errors)]))
-    moved = c.changed(
-        model=c.model.with_array(c.model.as_array() + of_model),
-        errors=c.errors + errors,
-        random_values=c.random_values + random,
-    )
-    # the sum of squares stays that of the fit: what a mean does not explain is no noise that enlarges a covariance
-    if np.isfinite(moved.projection.distance[c.used]).all():
-        distance = studentised(moved.projection.whitened, c.covariance_with_errors / c.enlargement, c.used)
-        c = moved.changed(standardized=np.sqrt(distance))
-    else:
-        mean = np.zeros(len(mean))
-    alternatives = tuple(
-        item._replace(change=item.change - mean, covariance=c.enlargement * item.covariance) for item in alternatives
-    )
-    off = np.array([item.change for item in alternatives])
-    every = np.tensordot(weight, [item.covariance for item in alternatives], 1) + off.T @ (weight[:, None] * off)
-    kept, sizes = of_full_model(c)
-    every, undetected = (
-        sizes[:, None] * part[np.ix_(kept, kept)] * sizes for part in (every, c.enlargement * undetected)
-    )
-    scale = np.sqrt(np.diag(every + c.covariance))
-    undetected = _positive(undetected, scale)
-    more = _positive(every - c.covariance - undetected, scale)
-    c = c.changed(alternatives=alternatives if len(alternatives) > 1 else ())
-    c = _with_contribution(c, LARGE_EFFECT, undetected)
-    return _with_contribution(c, RIVALS, more) if c.alternatives else c
-
-
-def with_places(c: Calibration, effect: Effect, change: Floats, weight: Floats) -> Calibration:
-    """A fit with the scatter of its values with other places of an effect on its grid in its covariance, in place of
-    the variance that the linearisation gives this place.
-
-    Args:
-        c: the fit.
-        effect: the effect.
-        change: of all values to each of the places, (t, 12 + k).
-        weight: of each, (t,).
-    """
-    name = f'{effect.label}.{effect.grid_parameter}'
-    at, own, off = c.model.names.index(name), c.covariance, change.copy()
-    known = own - np.outer(own[at], own[at]) / own[at, at] if own[at, at] > 0 else own
-    first = at - effect.grid_parameter_index
-    comparable = effect.amplitudes(np.ones(len(effect.parameters))) != 0  # a phase is not, of another frequency
-    comparable[effect.grid_parameter_index] = True
-    off[:, first : first + len(comparable)] *= comparable
-    more = known - own
-    more[: off.shape[1], : off.shape[1]] += off.T @ (weight[:, None] * off)
-    scale = np.sqrt(np.clip(np.diag(own + known), 0.0, None))
-    scale[: off.shape[1]] = np.sqrt(scale[: off.shape[1]] ** 2 + weight @ off**2)
-    return _with_contribution(c, f'{VALUE}[{name}]', _positive(more, scale))
-
-
-def _positive(more: Floats, scale: Floats) -> Floats:
-    """The positive part of a symmetric matrix in units of `scale`: what it adds to a covariance."""
-    unit = np.where(scale > 0, scale, 1.0)
-    values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(root @ root.T)
-
-
-def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
-    """A calibration with more covariance of all values of `full_model`."""
-    return c.changed(added=(*c.added, Contribution(label, None, '', more)))
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Moment, moments
 from scara_kinetostatic.diagnosis.lack_of_fit import adequacy, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE, STRICT_SIGNIFICANCE, fitted_effects
-from scara_kinetostatic.diagnosis.mixed_model import averaged, with_assumed_places, with_places
+from scara_kinetostatic.diagnosis.model_averaging import averaged, with_assumed_places, with_places
 from scara_kinetostatic.diagnosis.odds import UNNAMED
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Value
 from scara_kinetostatic.diagnosis.search import FOUND, POSSIBLE, Search, chi_square_p_value, is_explained

@@ -29,7 +29,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import wrap
 from scara_kinetostatic.model.parameters import MICRO, NANO
-from scara_kinetostatic.model.touch import LARGEST_RATIO, play_operator
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO, play_operator
 
 _GAIN = 1e-2
 """Largest plausible error of the angle of a joint per angle, its own or the other's."""

@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.contact import State, step_links
+from scara_kinetostatic.model.contact import step_links
 from scara_kinetostatic.model.extended_model import (
     ExtendedModel,
     ForceDependence,
@@ -51,6 +51,7 @@ from scara_kinetostatic.model.extended_model import (
     TouchState,
     as_model,
 )
+from scara_kinetostatic.model.flanks import State
 from scara_kinetostatic.model.gravity import Pull, pull_of
 from scara_kinetostatic.model.joint_law import NO_TORQUE, Four, deflection, inverse_of_derivative, place_in_band
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked

@@ -33,7 +33,7 @@ from scara_kinetostatic.calibration.observations import UNDETECTED, DeclaredErro
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.gaussian.information import Gaussian, Information
-from scara_kinetostatic.gaussian.linear_model import p_values
+from scara_kinetostatic.gaussian.p_values import p_values
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, P_EE, UNITS

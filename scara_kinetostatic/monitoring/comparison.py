@@ -34,7 +34,7 @@ from scipy.special import erfc
 
 from scara_kinetostatic.calibration.observations import UNDETECTED
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.gaussian.linear_model import p_values
+from scara_kinetostatic.gaussian.p_values import p_values
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import EffectLaw, ExtendedModel

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.gaussian.information import Gaussian, Information
-from scara_kinetostatic.gaussian.linear_model import as_rare
+from scara_kinetostatic.gaussian.p_values import as_rare
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.change import (
     LINEAR,

@@ -47,8 +47,8 @@ from scara_kinetostatic.gaussian.linear_model import leverage
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.contact import State, has_no_sure_sign
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, reported_force
+from scara_kinetostatic.model.flanks import State, has_no_sure_sign
 from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.kinetostatics import (
     Force,

@@ -34,7 +34,8 @@ from scara_kinetostatic.model.extended_model import TouchMetadata, as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import MICRO, MILLI
-from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.model.play_operator import remembered
+from scara_kinetostatic.model.touch import torques_of
 from scara_kinetostatic.simulation.motion import Robot
 from scara_kinetostatic.simulation.plan import ROUNDING, check_numbers
 from scara_kinetostatic.simulation.streams import SensorModel, reported_force

@@ -45,7 +45,8 @@ from scara_kinetostatic.model.kinematics import forward, quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import Equilibrium, Force, Law, inverse_kinetostatics, joints_under_load
 from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.parameters import MICRO, MILLI, Parameters
-from scara_kinetostatic.model.touch import remembered, stacked_histories, torques_of
+from scara_kinetostatic.model.play_operator import remembered
+from scara_kinetostatic.model.touch import stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Circle, Plan, Slide, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
 

@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.model.arrays import Floats, Mask, interpolated
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import jacobian
-from scara_kinetostatic.model.touch import nested_extremes, remembered, torques_of
+from scara_kinetostatic.model.play_operator import nested_extremes, remembered
+from scara_kinetostatic.model.touch import torques_of
 from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.contacts import Tare
 from scara_kinetostatic.touches.holds import Episode, Hold

@@ -19,7 +19,8 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import mixed_model
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, averaged, fit_mixed, with_places
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
+from scara_kinetostatic.diagnosis.model_averaging import averaged, with_places
 from scara_kinetostatic.diagnosis.weighing import weigh
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.gaussian.variance_components import size_prior

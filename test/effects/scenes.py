@@ -12,8 +12,9 @@ from model.helpers import Poses, random_poses
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.contact import ContactProblem, State, free_state
+from scara_kinetostatic.model.contact import ContactProblem, free_state
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
+from scara_kinetostatic.model.flanks import State
 from scara_kinetostatic.model.kinematics import GripperSign, inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters

@@ -16,7 +16,8 @@ from scara_kinetostatic.effects.joints import JointHysteresis, JointSlip, LoadFr
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.model.touch import LARGEST_RATIO, TouchSet
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

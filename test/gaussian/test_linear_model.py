@@ -10,15 +10,13 @@ from scara_kinetostatic.gaussian.linear_model import (
     Additions,
     Marginal,
     Projected,
-    as_rare,
     blocks,
-    f_test,
     independent_part,
     left_out,
     leverage,
     orthonormal,
-    p_values,
 )
+from scara_kinetostatic.gaussian.p_values import as_rare, f_test, p_values
 
 
 def test_rows_are_whitened_for_unknown_errors():

@@ -9,7 +9,8 @@ from model.helpers import ROBOTS, random_poses
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.touch import play_limits, play_operator, play_range, remembered, torques_of
+from scara_kinetostatic.model.play_operator import play_limits, play_operator, play_range, remembered
+from scara_kinetostatic.model.touch import torques_of
 
 
 def test_loaded_from_zero_it_lags_by_its_half_width_and_keeps_as_much_unloaded():

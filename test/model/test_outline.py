@@ -6,8 +6,9 @@ import pytest
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.contact import ContactProblem, Edges, State, all_derivatives, contact, extended_equations
+from scara_kinetostatic.model.contact import ContactProblem, Edges, all_derivatives, contact, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.flanks import State
 from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.outline import Outline, boundary, outline_problem, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters

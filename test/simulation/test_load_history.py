@@ -11,7 +11,8 @@ from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.model.touch import play_operator, torques_of
+from scara_kinetostatic.model.play_operator import play_operator
+from scara_kinetostatic.model.touch import torques_of
 from scara_kinetostatic.simulation.motion import Trajectory
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

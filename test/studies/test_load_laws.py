@@ -12,7 +12,7 @@ import pytest
 from studies.load_records import RATE, columns, play, record, torque
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
-from scara_kinetostatic.model.touch import play_operator
+from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.report.page import as_page, as_text
 from scara_kinetostatic.studies.loops.laws import LOAD_LAWS
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, Record, RecordPath, load_record, what_drives

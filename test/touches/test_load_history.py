@@ -11,7 +11,8 @@ from touches.scenes import CELL, TOOL_REACTION, Scene, feed, topics_of
 from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.model.touch import TouchSet, nested_extremes, torques_of
+from scara_kinetostatic.model.play_operator import nested_extremes
+from scara_kinetostatic.model.touch import TouchSet, torques_of
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches

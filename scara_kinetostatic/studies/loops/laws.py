@@ -44,7 +44,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.joint_law import beyond_gap, rounded_sign
-from scara_kinetostatic.model.touch import LARGEST_RATIO
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 
 Values = Mapping[str, float]

@@ -41,7 +41,7 @@ from scara_kinetostatic.files import tables
 from scara_kinetostatic.files.tables import Field, Place, Sheet, load_table, split_heading
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.joint_law import place_in_band
-from scara_kinetostatic.model.touch import play_limits, play_range
+from scara_kinetostatic.model.play_operator import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
 FEWEST_SWEEPS = 6
