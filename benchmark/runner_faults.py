@@ -30,7 +30,7 @@ from benchmark.cell_nodes import DemoClient, NodeProcesses
 from benchmark.common import parser, print_and_save
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.nodes.demo import free_domain
+from scara_kinetostatic.nodes.demo import own_domain
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import gather_touches
 from scara_kinetostatic.simulation.commanded import DEMO_CELL, Malfunction
@@ -116,8 +116,11 @@ class Cell:
 
 def run(fault: str, phase: str) -> dict[str, object]:
     """One fault in one phase."""
-    domain = free_domain()
-    with tempfile.TemporaryDirectory() as name, NodeProcesses(domain, Path(name) / 'logs') as nodes:
+    with (
+        own_domain() as domain,
+        tempfile.TemporaryDirectory() as name,
+        NodeProcesses(domain, Path(name) / 'logs') as nodes,
+    ):
         folder = Path(name)
         with DemoClient(domain, nodes.check) as client:
             cell = Cell(folder, nodes, client)

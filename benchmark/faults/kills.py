@@ -20,7 +20,7 @@ from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.cell import PAPER_CELL
-from scara_kinetostatic.nodes.demo import THIS_MACHINE, free_domain
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, own_domain
 from scara_kinetostatic.touches.detection import find_touches
 
 LONGEST_WAIT = 60.0
@@ -42,8 +42,12 @@ def kill_collectors(number: int, folder: Path) -> Iterator[dict[str, object]]:
     """
     rng = random.Random(number)
     for count in range(number):
-        life, output, domain = rng.uniform(*LIFE), folder / f'bags_{count}', free_domain()
-        with NodeProcesses(domain, folder / 'logs') as nodes, DemoClient(domain, lambda: None) as client:
+        life, output = rng.uniform(*LIFE), folder / f'bags_{count}'
+        with (
+            own_domain() as domain,
+            NodeProcesses(domain, folder / 'logs') as nodes,
+            DemoClient(domain, lambda: None) as client,
+        ):
             nodes.start('contact_simulator', LOAD)
             pid = nodes.start('collector', {'output': output, 'autostart': True})
             _spin_for(client, life)
@@ -68,9 +72,10 @@ def fill_disk(size: int, folder: Path) -> dict[str, object]:
     Raises:
         OSError: this machine lets nobody mount one.
     """
-    domain, disk = free_domain(), folder / 'disk'
+    disk = folder / 'disk'
     disk.mkdir(parents=True)
     with (
+        own_domain() as domain,
         NodeProcesses(domain, folder / 'logs') as simulator,
         DemoClient(domain, simulator.check) as client,
         _on_small_disk(disk, size, domain, folder / 'logs' / 'collector.log') as pid,

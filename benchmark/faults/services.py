@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 from benchmark.cell_nodes import NodeProcesses
 from benchmark.common import CELL, parser, save
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.nodes.demo import free_domain
+from scara_kinetostatic.nodes.demo import own_domain
 
 NODES = (
     'calibrator',
@@ -183,8 +183,8 @@ def main() -> int:
     options = options_of.parse_args()
     here, records = Path.cwd(), list[dict[str, Any]]()
     for name in options.nodes:
-        with tempfile.TemporaryDirectory(prefix='services_') as text:
-            folder, domain = Path(text), free_domain()
+        with tempfile.TemporaryDirectory(prefix='services_') as text, own_domain() as domain:
+            folder = Path(text)
             os.chdir(folder)  # for relative paths among the values
             (folder / 'cell.yaml').write_text(dump_cell(CELL))
             with NodeProcesses(domain, folder / 'logs') as nodes:

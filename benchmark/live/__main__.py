@@ -23,7 +23,7 @@ from benchmark.cell_nodes import DemoClient, NodeProcesses
 from benchmark.common import parser, print_and_save
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
-from scara_kinetostatic.nodes.demo import THIS_MACHINE, free_domain
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, own_domain
 from scara_kinetostatic.touches.detection import find_touches
 
 LONGEST_WAIT = 60.0
@@ -43,10 +43,9 @@ def run(seconds: float, rate: float, folder: Path) -> dict[str, object]:
     Returns:
         The figures by name.
     """
-    domain = free_domain()
-    environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain)}
     command = [sys.executable, '-m', 'benchmark.live.publisher', '--seconds', str(seconds), '--rate', str(rate)]
-    with NodeProcesses(domain, folder / 'logs') as nodes:
+    with own_domain() as domain, NodeProcesses(domain, folder / 'logs') as nodes:
+        environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain)}
         collector = nodes.start('collector', {'output': folder / 'bags', 'autostart': True})
         nodes.start('calibrator', {'output': folder / 'results'})
         with (

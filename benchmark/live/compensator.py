@@ -40,7 +40,7 @@ from scara_kinetostatic.model.cell import Cell, Noise, Sensor
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.nodes.demo import free_domain
+from scara_kinetostatic.nodes.demo import own_domain
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -132,17 +132,15 @@ def motion(count: int, rate: float) -> tuple[Floats, Floats]:
 
 def run(seconds: float, rate: float, label: str, folder: Path) -> dict[str, Any]:
     """The figures by name."""
-    domain = free_domain()
-    os.environ['ROS_DOMAIN_ID'] = str(domain)
     pair = arms(label)
     texts = [json.dumps(arm_document(arm)) for arm in pair]
     calibration = folder / 'calibration.json'
     calibration.write_text(texts[0])
     joints, force = motion(int(seconds * rate), rate)
     before = _machine()
-    with NodeProcesses(domain, folder / 'logs') as nodes:
+    with own_domain() as domain, NodeProcesses(domain, folder / 'logs') as nodes:
         process = nodes.start('compensator', {'calibration': calibration, 'take_unfit': True})
-        rclpy.init()
+        rclpy.init(domain_id=domain)
         driver = Driver()
         while not driver.ready:
             nodes.check()

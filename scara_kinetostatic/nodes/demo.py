@@ -112,20 +112,9 @@ def own_domain() -> Iterator[int]:
     seconds later where a process is started: the one who holds TCP port 7400 + 250 d, of which DDS makes no use, has
     the domain. Where all 99 are taken it is shared.
     """
-    domains = _domains()
+    domains = random.sample(range(1, 100), 99)  # their ports lie below the ones that Linux hands out
     with socket.socket() as lock:
         yield next((one for one in domains if is_free(one) and not _is_taken(lock, 7400 + 250 * one)), domains[0])
-
-
-def free_domain() -> int:
-    """A ROS domain that no process on this machine uses, chosen at random."""
-    domains = _domains()
-    return next((domain for domain in domains if is_free(domain)), domains[0])
-
-
-def _domains() -> list[int]:
-    """Those whose ports lie below the ones that Linux hands out, in any order."""
-    return random.sample(range(1, 100), 99)
 
 
 def is_free(domain: int) -> bool:

@@ -19,7 +19,7 @@ from scara_kinetostatic.files.yaml_file import node_sections
 from scara_kinetostatic.nodes import cell_node
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.demo import THIS_MACHINE, free_domain, is_free, own_domain
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, is_free, own_domain
 from scara_kinetostatic.nodes.runtime import say_what_is_unused
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
@@ -72,9 +72,9 @@ def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name, number):
 def test_a_domain_in_which_a_node_discovers_this_machine_alone_is_not_free(monkeypatch):
     for name, value in THIS_MACHINE.items():
         monkeypatch.setenv(name, value)
-    domain = free_domain()
-    rclpy.init(domain_id=domain)
-    node = ContactSimulator()
+    with own_domain() as domain:
+        rclpy.init(domain_id=domain)
+        node = ContactSimulator()
     try:
         assert not is_free(domain)
     finally:
