@@ -200,18 +200,20 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
         errors = observations.errors[: len(point.errors)] - point.errors
         step = np.concatenate([[values.get(name, value) - value for name, value in names], errors])
         some, part, at = observations, point, np.arange(len(observations.joints))  # the touches that still move
+        found = list[tuple[Indices, Point]]()
         for _ in range(_ROUNDS):
             before, expected = part, last_step(part, step).distance
             adjusted, arm = adjust(some, model, part.adjusted, part.linear, part.whitened, step)
             part = evaluate(some, model, adjusted, noise, arm=arm)
-            point = part if some is observations else Point(model, *put(point[1:5], at, part[1:5]), part.errors)
+            found.append((at, part))
             moving = np.flatnonzero(~(np.abs(part.distance - expected) <= 1e-3 * (1 + part.distance)))
             if not len(moving):
                 break
             count = part.whitened.derivative.shape[2] + len(part.errors)
             step, at, before = np.zeros(count), at[moving], select(before, moving)
             some, part = some.select(moving), select(part, moving)
-        else:  # near a kink of the model one may alternate; what still converges changes by less than it counts
+        point = Point(model, *put(found[0][1][1:5], *((which, new[1:5]) for which, new in found[1:])), part.errors)
+        if len(moving):  # near a kink of the model one may alternate; what still converges changes less than it counts
             point = _nearer(point, before, at)
         if near is None:
             return point
@@ -227,7 +229,8 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise, near
 def _nearer(point: Point, other: Point, at: Indices) -> Point:
     """A point with some touches, (m,), adjusted otherwise, where this brings them nearer."""
     nearer = (other.distance < point.distance[at]) | np.isnan(point.distance[at])
-    return Point(point.model, *put(point[1:5], at[nearer], select(other, nearer)[1:5]), point.errors)
+    changed = (at[nearer], select(other, nearer)[1:5])
+    return Point(point.model, *put(point[1:5], changed), point.errors) if nearer.any() else point
 
 
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:

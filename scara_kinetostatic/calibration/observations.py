@@ -338,7 +338,8 @@ class RandomEffects(NamedTuple):
             for kind, part in enumerate((*shift, error[column.parameter] if error else None)):
                 if part is not None:
                     changes[:, 2 * kind : 2 * kind + 2, number] = part
-        return cls(tuple(columns), size, changes * size, stated)
+        changes *= size
+        return cls(tuple(columns), size, changes, stated)
 
     def resized(self, factor: Floats) -> RandomEffects:
         """The same with sizes larger by factors (k,)."""

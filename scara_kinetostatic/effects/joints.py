@@ -331,7 +331,7 @@ class JointSlip(EffectOfJoint):
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
-        return at.history_torques(self.joint), at.torques[:, self.joint]
+        return at.history_torques[self.joint], at.torques[:, self.joint]
 
     def _slipped(self, history: Floats, load: Floats, friction: Floats | float) -> tuple[Floats, Floats]:
         """The play for one value of the friction, or for (t, 1) at once, and its derivative by it."""

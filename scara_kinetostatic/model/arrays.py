@@ -58,15 +58,16 @@ def pick(item: T, which: Any) -> T:
     return item if which is EVERY else over_arrays(itemgetter(which), item)
 
 
-def put(item: T, which: Any, part: T) -> T:
-    """An array, or a tuple of such, with some touches in place of those that were there."""
+def put(item: T, *changes: tuple[Any, T]) -> T:
+    """An array, or a tuple of such, with some touches in place of those that were there: which, and they, in turn."""
 
-    def placed(array: Any, values: Any) -> Any:
+    def placed(array: Any, *parts: Any) -> Any:
         array = array.copy(order='K')  # touches may be the last axis in memory
-        array[which] = values
+        for (which, _), part in zip(changes, parts, strict=True):
+            array[which] = part
         return array
 
-    return over_arrays(placed, item, part)
+    return over_arrays(placed, item, *(part for _, part in changes)) if changes else item
 
 
 def over_arrays(change: Callable[..., Any], *items: Any) -> Any:

@@ -480,7 +480,7 @@ def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, M
         part, done = _solve_by_modes(model, pick(problem, todo))
     solved = ~todo
     solved[todo] = done
-    return start.replace_where(solved, put(state, todo, part)), solved
+    return start.replace_where(solved, put(state, (todo, part))), solved
 
 
 def _newton_step(e: Equations, state: State) -> State:
@@ -540,7 +540,7 @@ def nearest_equilibrium(model: ExtendedModel, problem: ContactProblem, state: St
     with np.errstate(all='ignore'):
         other, found = _solve_by_modes(model, pick(problem, toggles), warm_start[toggles])
         closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
-    return put(state, toggles, pick(state, toggles).replace_where(closer, other))
+    return put(state, (toggles, pick(state, toggles).replace_where(closer, other)))
 
 
 def _distance(state: State, force: Floats) -> Floats:

@@ -106,8 +106,24 @@ class TouchMetadata(NamedTuple):
         return pick(self, which)
 
 
-class TouchState(NamedTuple):
-    """All that an effect may depend on, at n touches.
+class _TouchState(NamedTuple):
+    parameters: Parameters
+    joints: Floats
+    force: Floats
+    magnitude: Floats
+    normal: Floats
+    torques: Floats
+    link1: Floats
+    link2: Floats
+    centers: Floats
+    radii: Floats
+    metadata: TouchMetadata
+    off_normal: Floats
+    tangents: Floats | None = None
+
+
+class TouchState(_TouchState):
+    """All that an effect may depend on, at n touches. What it works out it keeps.
 
     Attributes:
         parameters: L̄.
@@ -124,20 +140,6 @@ class TouchState(NamedTuple):
         off_normal: angle from the normal of the disc to the force where it differs from touch to touch, (n,), rad.
         tangents: unit vector along the straight edge that is touched, (n, 2), zero on arcs; None for arcs alone.
     """
-
-    parameters: Parameters
-    joints: Floats
-    force: Floats
-    magnitude: Floats
-    normal: Floats
-    torques: Floats
-    link1: Floats
-    link2: Floats
-    centers: Floats
-    radii: Floats
-    metadata: TouchMetadata
-    off_normal: Floats
-    tangents: Floats | None = None
 
     @classmethod
     def of_poses(
@@ -187,18 +189,19 @@ class TouchState(NamedTuple):
             return vectors
         return np.asarray(vectors - (vectors * self.tangents).sum(axis=1)[:, None] * self.tangents)
 
-    def history_torques(self, joint: int) -> Floats:
-        """C of joint 0 or 1 at the turning points of the load before the hold, (n, K), Nm; K = 0 where none are known.
+    @cached_property
+    def history_torques(self) -> tuple[Floats, Floats]:
+        """C of each joint at the turning points of the load before the hold, (n, K), Nm; K = 0 where none are known.
 
         An error of the force that is in all of a touch is in its preload and in its hold alike. So the forces of a
         preload are those measured, turned and stretched as the force of the hold here is from the measured one.
         """
         m = self.metadata
         if m.history is None:
-            return np.empty((len(self.joints), 0))
-        torques = torque_phasors(self.parameters, m.history, m.frame)[joint]
+            return (nothing := np.empty((len(self.joints), 0))), nothing
+        first, second = torque_phasors(self.parameters, m.history, m.frame)
         if m.force is None:
-            return torques.imag
+            return first.imag, second.imag
         force = self.force[:, 0] + 1j * self.force[:, 1]
         if m.frame is SensorFrame.TOOL:
             force = force * (self.link2[:, 0] - 1j * self.link2[:, 1])
@@ -206,7 +209,8 @@ class TouchState(NamedTuple):
         ratio = np.where(known, force, 1.0) / np.where(known, m.force[:, 0] + 1j * m.force[:, 1], 1.0)
         # distance from the joint angles of the hold within which a point of the history is of the same touch, rad
         near1, near2 = (np.abs(m.history[:, :, k] - self.joints[:, k, None]) < 0.02 for k in (0, 1))
-        return (torques * np.where(near1 & near2, ratio[:, None], 1.0)).imag
+        turned = np.where(near1 & near2, ratio[:, None], 1.0)
+        return (first * turned).imag, (second * turned).imag
 
 
 class Shift(NamedTuple):
