@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.calibration.covariance import UndetectedErrors, joint_covariance
+from scara_kinetostatic.calibration.joint_covariance import UndetectedErrors, joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.files.tables import EXAMPLE, TouchTable, csv_cell, csv_lines
 from scara_kinetostatic.model.arrays import Floats

@@ -19,7 +19,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.simulation.mujoco import expected_parameters, scene_named

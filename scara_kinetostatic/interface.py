@@ -28,7 +28,7 @@ from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, Predictor, TipPosition
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import Parameters

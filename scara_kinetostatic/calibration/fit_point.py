@@ -26,7 +26,7 @@ from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.gaussian.linear_model import Marginal
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, pick, put
 from scara_kinetostatic.model.cell import Cell, Noise, force_covariance
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.flanks import Arm
 from scara_kinetostatic.model.kinematics import forward

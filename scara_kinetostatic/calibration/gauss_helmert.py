@@ -1,7 +1,7 @@
 """One linearised adjustment of all touches: the Gauss–Helmert model.
 
 Q and F are both measured, both with noise, and every touch ties them by two
-conditions h(Q, F, L̄) = 0, in metres (`model.contact`). Nothing has to be solved inside, and
+conditions h(Q, F, L̄) = 0, in metres (`model.contact_force`). Nothing has to be solved inside, and
 the conditions are nearly linear in L̄, so they lead from 20 mm and 3° off as well
 as from nearby. Weighting and the treatment of the noise follow the Gauss–Helmert
 model of adjustment theory: linearised at the *adjusted* observations (Q̂, F̂),
@@ -35,20 +35,13 @@ import numpy as np
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
-from scara_kinetostatic.model.contact import (
-    Equations,
-    across,
-    all_derivatives,
-    extended_equations,
-    free_state,
-    off_normal_derivative,
-    shift_column,
-    solve_links,
-)
+from scara_kinetostatic.model.contact_force import free_state, solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel, Shift, reported_force, sensor_derivatives, true_force
 from scara_kinetostatic.model.flanks import Arm, State, keep_flanks, next_modes
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
+from scara_kinetostatic.model.touch_derivatives import all_derivatives, off_normal_derivative
+from scara_kinetostatic.model.touch_equations import Equations, across, extended_equations, shift_column
 
 
 class Adjusted(NamedTuple):

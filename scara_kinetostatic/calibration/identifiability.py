@@ -25,7 +25,7 @@ from scara_kinetostatic.calibration.observations import Observations, Prior
 from scara_kinetostatic.gaussian.least_squares import Compressed, compress, upper_triangle
 from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.contact import solve_links
+from scara_kinetostatic.model.contact_force import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 

@@ -33,12 +33,12 @@ from scara_kinetostatic.effects.unnamed import Column, Undetected, derivatives
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import EVERY, Complexes, Floats, Indices, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
-from scara_kinetostatic.model.contact import ContactProblem, Edges
 from scara_kinetostatic.model.extended_model import EffectLaw, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import GripperSign, forward, rotate
 from scara_kinetostatic.model.outline import PER_ANGLE, Outline, Surfaces
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_equations import ContactProblem, Edges
 
 
 class Source(NamedTuple):

@@ -4,7 +4,7 @@ Both are evaluated on the same touches, those that the extended model uses, and 
 extended model. Where nothing was found the two are one.
 
 **Error of the tip.** At the measured Q and F a model predicts the tip; its distance from the circle of contact is h of
-`model.contact` along the circle's normal, which is the force's unless friction turns it. The error is its root
+`model.contact_force` along the circle's normal, which is the force's unless friction turns it. The error is its root
 mean square over the touches, linearised, so that the noise in the direction of F, which would displace the tip
 by r (σ_f/f)²/2, does not count. Held out means here that each touch is predicted by a fit without it, to first
 order: (I - H_k)⁻¹ e_k, with H_k its block of the projection on the fit's columns.

@@ -30,9 +30,9 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Grid, Trial
 from scara_kinetostatic.gaussian.linear_model import Additions, Marginal, independent_part, orthonormal
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.extended_model import ForceDependence, TouchState, true_force
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.touch_equations import extended_equations, shift_column
 
 SIGNIFICANCE = 0.01
 """Probability of a false alarm that is accepted where an effect explains the touches clearly better than none does."""

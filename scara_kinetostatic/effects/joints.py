@@ -3,7 +3,7 @@ depends on the torque, hysteresis; a periodic error of its transmission; slip wi
 `model.joint_law`.
 
 **Slip** is a second spring behind friction, constant or growing with the load that it carries:
-δ = compliance · P(C), with P the play operator (`model.touch.play_operator`) over the torque C. Its state depends on
+δ = compliance · P(C), with P the play operator (`model.play_operator`) over the torque C. Its state depends on
 the turning points of C alone, `TouchSet.history`.
 
 **The two are not the same, nor are they another together with `joint_hysteresis`.** By constant friction of half width

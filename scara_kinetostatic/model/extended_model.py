@@ -1,7 +1,7 @@
 """Physical effects, what they read of a touch and what they change, and the extended model: the base model of twelve
 parameters and effects, with the values of all of them.
 
-**An effect** enters the equations of a touch (`contact`) in one of three places:
+**An effect** enters the equations of a touch (`touch_equations`) in one of three places:
 
 - **joints** δ: q - q* = p c + g sign(c) + δ, an error of the encoder, the transmission or the spring;
 - **place** d: the equation of the circle becomes H(Q*) + (r + γ) n - S_c + d = 0, a further displacement of the

@@ -42,7 +42,6 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.contact import step_links
 from scara_kinetostatic.model.extended_model import (
     ExtendedModel,
     ForceDependence,
@@ -56,6 +55,7 @@ from scara_kinetostatic.model.gravity import Pull, pull_of
 from scara_kinetostatic.model.joint_law import NO_TORQUE, Four, deflection, inverse_of_derivative, place_in_band
 from scara_kinetostatic.model.kinematics import GripperSign, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
+from scara_kinetostatic.model.touch_equations import step_links
 
 SIGN_KNOWN = 3.0
 """Standard deviations from zero at which the sign of a torque, or the direction of a force, is known."""

@@ -22,7 +22,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.kinetostatics import (

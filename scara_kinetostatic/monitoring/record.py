@@ -15,8 +15,8 @@ import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell
-from scara_kinetostatic.calibration.covariance import UndetectedErrors
 from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.joint_covariance import UndetectedErrors
 from scara_kinetostatic.calibration.observations import DeclaredErrors
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import (

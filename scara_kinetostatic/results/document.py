@@ -25,7 +25,7 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.grade import rivals_in_words
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.covariance import UndetectedErrors, joint_covariance
+from scara_kinetostatic.calibration.joint_covariance import UndetectedErrors, joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEVEL
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value

@@ -29,7 +29,7 @@ import numpy as np
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Lift, Region, SizeMode, Uncertainty
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import TouchMetadata, as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, surfaces_of

@@ -15,7 +15,7 @@ from scara_kinetostatic.effects.objects import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters

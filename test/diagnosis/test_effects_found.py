@@ -31,7 +31,7 @@ from scara_kinetostatic.diagnosis.advice import unknown_history
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.objects import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan

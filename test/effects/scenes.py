@@ -12,13 +12,14 @@ from model.helpers import Poses, random_poses
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.contact import ContactProblem, free_state
+from scara_kinetostatic.model.contact_force import free_state
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, TouchState
 from scara_kinetostatic.model.flanks import State
 from scara_kinetostatic.model.kinematics import GripperSign, inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_equations import ContactProblem
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

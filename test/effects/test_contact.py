@@ -10,8 +10,10 @@ from effects.scenes import KIND_LABELS, KINDS, Scene, plausible, random_scene, w
 from model.helpers import ROBOTS, STEPS
 
 from scara_kinetostatic.effects.objects import EdgeBow
-from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives, extended_equations
+from scara_kinetostatic.model.contact_force import Contact, contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.touch_derivatives import contact_derivatives
+from scara_kinetostatic.model.touch_equations import extended_equations
 
 NEGLECTED = 2e-3
 """What A_L̄ and A_Q leave out, as a part of them: that a shift depends on the link angles and on Q."""

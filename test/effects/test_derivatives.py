@@ -11,10 +11,12 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.objects import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import pairs
-from scara_kinetostatic.model.contact import ContactProblem, all_derivatives, extended_equations, solve_links
+from scara_kinetostatic.model.contact_force import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel, ForceDependence
 from scara_kinetostatic.model.flanks import State
 from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE
+from scara_kinetostatic.model.touch_derivatives import all_derivatives
+from scara_kinetostatic.model.touch_equations import ContactProblem, extended_equations
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:

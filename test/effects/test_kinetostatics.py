@@ -7,7 +7,7 @@ import pytest
 from effects.scenes import EFFECTS, KINDS, plausible, random_scene, with_effect
 from model.helpers import ROBOTS
 
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 

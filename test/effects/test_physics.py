@@ -20,7 +20,7 @@ from scara_kinetostatic.effects.robot import (
     TipShape,
 )
 from scara_kinetostatic.effects.shift import LinkGrowth, ZeroDrift
-from scara_kinetostatic.model.contact import Contact, contact
+from scara_kinetostatic.model.contact_force import Contact, contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn
 

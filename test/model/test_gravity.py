@@ -15,11 +15,12 @@ from scara_kinetostatic.files.calibration_file import load_predictor
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
-from scara_kinetostatic.model.contact import contact, contact_derivatives, free_state
+from scara_kinetostatic.model.contact_force import contact, free_state
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MOMENTS
+from scara_kinetostatic.model.touch_derivatives import contact_derivatives
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

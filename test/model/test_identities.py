@@ -8,7 +8,7 @@ from model.helpers import ROBOTS, random_poses
 
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, GripperSign
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_aside, tip_yield
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 

@@ -8,7 +8,7 @@ from model.helpers import ROBOTS, STEPS, assert_derivative, random_poses
 
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign, Noise
-from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata
 from scara_kinetostatic.model.joint_law import joint_deflection
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward_by_parameters, tip_by_parameters
@@ -25,6 +25,7 @@ from scara_kinetostatic.model.kinetostatics import (
     tip_under_load,
 )
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.touch_derivatives import contact_derivatives
 
 SIGNS = tuple(GripperSign)
 SMALL = np.full(2, 1e-6)

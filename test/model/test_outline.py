@@ -6,12 +6,14 @@ import pytest
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.contact import ContactProblem, Edges, all_derivatives, contact, extended_equations
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.flanks import State
 from scara_kinetostatic.model.kinematics import GripperSign
 from scara_kinetostatic.model.outline import Outline, boundary, outline_problem, surfaces_of
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.touch_derivatives import all_derivatives
+from scara_kinetostatic.model.touch_equations import ContactProblem, Edges, extended_equations
 
 SQUARE = Outline('square', ((0.0, 0.3), (0.1, 0.3), (0.1, 0.4), (0.0, 0.4)), 0.002)
 ELL = Outline('ell', ((0.0, 0.0), (0.2, 0.0), (0.2, 0.07), (0.08, 0.07), (0.08, 0.18), (0.0, 0.18)), 0.008)

@@ -14,7 +14,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.joint_law import joint_torques
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

@@ -11,7 +11,7 @@ import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Lift, SensorFrame, SensorSign
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.commanded import Malfunction, ModelBody, Plant, PlantSettings, Reading, free_pose

@@ -11,7 +11,7 @@ from simulation.oval_disc import OvalDisc
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, TouchMetadata, true_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL

@@ -7,7 +7,7 @@ import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.simulation.motion import Phase, Timing, Trajectory

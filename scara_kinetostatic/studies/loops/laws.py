@@ -6,7 +6,7 @@ With x what drives a record, the displacement or the load counted from rest, a l
 
 z the zero of y, s = ±1 its direction under a positive x, B_i functions of x up to now. The amplitudes a_i and the shape
 parameters θ are common to all records; z and the initial state of friction h, from -1 to 1, are each record's own: they
-depend on what happened before it. P_r is the play operator of half width r (`model.touch.play_operator`).
+depend on what happened before it. P_r is the play operator of half width r (`model.play_operator`).
 
 Driven by its motion, the force is predicted. Law (6), solved for the force, is a spring with a dead zone: with the
 deflection u,

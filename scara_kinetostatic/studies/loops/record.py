@@ -353,7 +353,7 @@ class RecordPath:
         return (self.earlier, ~self.earlier) if self.in_loops else (self.earlier,)
 
     def play_operator(self, half_width: float, state: float, ratio: float = 0.0) -> Floats:
-        """Output of the play operator (`model.touch.play_operator`), (n,), in the unit of the driver.
+        """Output of the play operator (`model.play_operator`), (n,), in the unit of the driver.
 
         Args:
             half_width: r, in the unit of the driver.

@@ -57,7 +57,7 @@ from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import TINY, Floats
 from scara_kinetostatic.model.cell import PAPER_CELL, PAPER_DISCS, Cell, GripperSign, Noise
-from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.contact_force import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import (
     G_EE,
@@ -69,6 +69,7 @@ from scara_kinetostatic.model.parameters import (
     Parameters,
 )
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_derivatives import contact_derivatives
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.loops.dial_gauge import (
