@@ -318,6 +318,26 @@ def likely(alternatives: Iterable[tuple[str, float]]) -> str:
     return ' or '.join(f'{what} ({percent(probability)} %)' for what, probability in alternatives)
 
 
+class Earlier(NamedTuple):
+    """The calibration that was the prior of another one.
+
+    Attributes:
+        path: of its file.
+        sha256: of that.
+        freed: names of the values of the model that may have changed since.
+        p_value: of the touches agreeing with it.
+        contradiction: what the touches say against it, one clause; empty where they agree.
+        action: what to do then.
+    """
+
+    path: str
+    sha256: str
+    freed: tuple[str, ...]
+    p_value: float
+    contradiction: str = ''
+    action: str = ''
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence:
     """A calibration with all that speaks for or against its use; what follows is worked out once, when first read.
@@ -333,6 +353,7 @@ class Evidence:
         sequence_known: whether the order in time of the recordings is known.
         check: what the touches said of the cell before the fit; None where they were not asked.
         discriminate: works out what decides between sets of effects; None where nobody can.
+        earlier: the calibration that was the prior; None for none.
     """
 
     calibration: Calibration
@@ -345,6 +366,7 @@ class Evidence:
     sequence_known: bool = True
     check: Check | None = None
     discriminate: Callable[[Evidence], Discrimination | None] | None = None
+    earlier: Earlier | None = None
 
     @cached_property
     @one_thread

@@ -226,6 +226,12 @@ def mistaken(evidence: Evidence) -> Iterator[Remark]:
         yield unfit('the fit did not converge', evidence.final.termination.remedy)
 
 
+def contradicts_earlier(evidence: Evidence) -> Iterator[Remark]:
+    """Touches that contradict the calibration that was their prior."""
+    if evidence.earlier and evidence.earlier.contradiction:
+        yield unfit(evidence.earlier.contradiction, evidence.earlier.action)
+
+
 def negative(evidence: Evidence) -> Iterator[Remark]:
     """Compliances and backlashes below zero beyond their uncertainty."""
     radii = 'check the radii in the cell description: they reach to the centre of the tip'
@@ -613,7 +619,7 @@ def advice(evidence: Evidence) -> str:
 
 CRITERIA = (
     *(assumed, less_known_than_nominal),
-    *(mistaken, negative, forgotten_gravity, upside_down, undetermined, rejected, checked),
+    *(mistaken, contradicts_earlier, negative, forgotten_gravity, upside_down, undetermined, rejected, checked),
     *(unexplained, ambiguous, shifted, noise, unusable, large_backlash, conformity, alike, places),
 )
 """In the order in which equally grave reasons are given."""

@@ -13,7 +13,7 @@ from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_s
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.noise import USUAL_NOISE, raised
-from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.observations import JointPrior, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
@@ -36,6 +36,7 @@ def calibrate(
     start: ExtendedModel | None = None,
     fixed: Mapping[str, float] | None = None,
     warm_start: WarmStart | None = None,
+    known: JointPrior | None = None,
 ) -> Calibration:
     """Estimate L̄, and the parameters of effects along with it, from touches.
 
@@ -49,6 +50,7 @@ def calibrate(
             ``encoder_gain[joint1].gain``.
         warm_start: an earlier fit of the same touches close to this one, with the same effects; the coarse stage is
             then left out.
+        known: what an earlier calibration says of all values and of the declared errors; few touches are then enough.
 
     Returns:
         The calibration. Parameters that the data cannot separate are held, together, as near to their nominal values
@@ -87,7 +89,7 @@ def calibrate(
     touches, left_out = _leave_out(touches, cell)
     if warm_start is not None:
         warm_start = warm_start._replace(used=warm_start.used[np.isin(given, touches.index)])
-    needed = fewest_touches(len(free))
+    needed = fewest_touches(len(free), known)
     if len(touches) < needed:
         problem = f'{len(touches)} touches give {2 * len(touches)} equations, too few for {len(free)} parameters'
         remedy = f'record {needed} touches at the very least, 36 or more for a good result'
@@ -101,7 +103,7 @@ def calibrate(
         raise UnsupportedDataError(problem, 'touch a disc as well, or hold the moments: --fix s1=… --fix s2=…')
     if cell.noise is not None:
         cell = replace(cell, noise=raised(cell.noise, cell, touches.joints))
-    observations = observe(touches, cell)
+    observations = observe(touches, cell, known=known)
     to_disc = observations.contact_problem(observations.joints).inward(forward(cell.nominal, observations.joints))
     force = base_force(observations, ExtendedModel(cell.nominal))
     cosine = (to_disc * force).sum(axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*force.T), 1e-12)
@@ -205,7 +207,7 @@ def _reassociate(
         if any((surface == before).all() for before in seen):
             doubtful |= surface != observations.surface
         if doubtful.any():
-            if (~doubtful).sum() < fewest_touches(len(free)):
+            if (~doubtful).sum() < fewest_touches(len(free), observations.known):
                 continue  # until it is said
             names = [cell.discs[number].name for number in touches.disc]
             left_out += [
@@ -216,7 +218,7 @@ def _reassociate(
         fit = found.fit.point
         used = found.used if len(found.used) == len(touches) else np.ones(len(touches), dtype=bool)
         near = WarmStart(fit.model, found.noise, used, fit.errors)
-        found = estimate(observe(touches, cell), cell, start, free, near)
+        found = estimate(observe(touches, cell, known=observations.known), cell, start, free, near)
     else:
         problem = 'the touches do not settle on the edges and corners of the outlines'
         raise UnsupportedDataError(problem, 'touch farther from the corners, or check the places of the objects')

@@ -24,7 +24,7 @@ from scara_kinetostatic.calibration.fit_point import (
 from scara_kinetostatic.calibration.gauss_helmert import as_radial, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.noise import USUAL_NOISE, as_stated, estimated_levels, noise_of_residuals
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
+from scara_kinetostatic.calibration.observations import NO_ERRORS, JointPrior, Observations, Prior
 from scara_kinetostatic.calibration.outliers import find_good, studentised
 from scara_kinetostatic.calibration.solver import Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -156,7 +156,7 @@ def estimate(
         elif following.noise is not now.noise:
             point = point.with_noise(following.noise)
         now = following
-        if now.used.sum() < fewest_touches(parameters := now.subspace.basis.shape[1]):
+        if now.used.sum() < fewest_touches(parameters := now.subspace.basis.shape[1], observations.known):
             raise UnsupportedDataError(
                 f'{now.used.sum()} of {len(now.used)} touches fit a model at a noise of {now.noise.joint_rms:.2g} rad '
                 f'per joint and {now.noise.force_rms:.2g} N, too few for {parameters} parameters',
@@ -241,6 +241,6 @@ def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
     return basis @ least_squares.covariance(fit.system) @ basis.T
 
 
-def fewest_touches(parameters: int) -> int:
-    """Touches that give more equations than there are parameters."""
-    return parameters // 2 + 1
+def fewest_touches(parameters: int, known: Prior | JointPrior | None = None) -> int:
+    """Touches that give more equations than there are parameters; two where an earlier calibration is the prior."""
+    return 2 if isinstance(known, JointPrior) else parameters // 2 + 1

@@ -41,7 +41,7 @@ def held_out_force_error(calibration: Calibration) -> HeldOut:
     c = calibration
     places = np.flatnonzero(c.used)
     n = len(places)
-    spare = n - fewest_touches(c.subspace.basis.shape[1])
+    spare = n - fewest_touches(c.subspace.basis.shape[1], c.known)
     # as many as leave enough to each fit
     folds = max(2, min(_FOLDS, n)) if spare < 1 else min(n, max(_FOLDS, -(-n // spare)))
     part = np.random.default_rng(0).permutation(n) % folds

@@ -21,7 +21,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, whiten_by
-from scara_kinetostatic.calibration.observations import Observations, Prior
+from scara_kinetostatic.calibration.observations import JointPrior, Observations, Prior
 from scara_kinetostatic.gaussian.least_squares import Compressed, compress, upper_triangle
 from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Noise
@@ -123,7 +123,7 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
     return np.asarray(np.linalg.qr(np.array(pure).T)[0])
 
 
-def _without_errors(prior: Prior, point: Point, scale: Floats) -> tuple[Floats, Compressed]:
+def _without_errors(prior: Prior | JointPrior, point: Point, scale: Floats) -> tuple[Floats, Compressed]:
     """What the touches and the prior say of the parameters, whatever the declared errors are.
 
     Args:

@@ -277,13 +277,60 @@ class Prior(NamedTuple):
         return np.concatenate([(values[self.trusted] - self.mean) * self._weights, errors])
 
 
+EARLIER = 'earlier_calibration'
+"""Label of what the earlier calibration contributes that is the prior of another one."""
+
+
+class JointPrior(NamedTuple):
+    """What an earlier calibration says of all values of the model and the declared errors: rows as those of `Prior`.
+
+    Attributes:
+        mean: of all, (v + m,), the errors in their standard uncertainties.
+        root: W with WᵀW the inverse of their covariance, (r, v + m); zero columns where a value is exactly known.
+        errors: how many errors there are, m.
+    """
+
+    mean: Floats
+    root: Floats
+    errors: int
+
+    @classmethod
+    def of(cls, mean: Floats, covariance: Floats, scale: Floats, errors: int) -> JointPrior:
+        """That of a covariance, (v + m, v + m), and plausible sizes of the values, (v + m,).
+
+        A combination that is known better than a part `_EXACT` of the plausible sizes counts as known so well.
+        """
+        free = np.flatnonzero(np.diag(covariance) > 0)
+        unit = scale[free]
+        values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(unit, unit))
+        root = np.zeros((len(free), len(mean)))
+        root[:, free] = (vectors / np.sqrt(np.maximum(values, _EXACT**2))).T / unit
+        return cls(mean, root, errors)
+
+    def rows(self, values: int) -> Floats:
+        """Derivatives of the residuals by all values of a model and the errors, (r, values + m)."""
+        assert self.root.shape[1] == values + self.errors
+        return self.root
+
+    def residual(self, values: Floats, errors: Floats) -> Floats:
+        """Residuals, (r,), in standard uncertainties."""
+        return np.asarray(self.root @ (np.concatenate([values, errors]) - self.mean))
+
+    def by_source(self) -> list[tuple[Source, Indices]]:
+        """All rows are of one source."""
+        return [(Source(EARLIER, np.nan, ''), np.arange(len(self.root)))]
+
+
+_EXACT = 1e-6
 _NOTHING_KNOWN = Prior((), np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0), 0)
 
 
 def known_beforehand(
-    declared: DeclaredErrors | None, random: RandomEffects | None, known: Prior | None
-) -> Prior | None:
+    declared: DeclaredErrors | None, random: RandomEffects | None, known: Prior | JointPrior | None
+) -> Prior | JointPrior | None:
     """All that is known beforehand of errors, random effects and the values of effects; None for nothing."""
+    if isinstance(known, JointPrior):  # it contains the declared errors, and there are no random effects
+        return known
     prior = None if declared is None else declared.prior
     if random is None and known is None:
         return prior
@@ -392,7 +439,7 @@ class Observations(NamedTuple):
         reported: force as the sensor reported it, (n, 2), N; None without such errors.
         tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
         random: the random effects; None for none.
-        known: what is known beforehand of the values of effects; None for nothing.
+        known: what is known beforehand of the values of effects, or by an earlier calibration; None for nothing.
         shift: δ, rad, and d, m, of the random effects with their values, (n, 2) each; None where they are zero.
     """
 
@@ -408,11 +455,11 @@ class Observations(NamedTuple):
     reported: Floats | None = None
     tangents: Floats | None = None
     random: RandomEffects | None = None
-    known: Prior | None = None
+    known: Prior | JointPrior | None = None
     shift: tuple[Floats, Floats] | None = None
 
     @property
-    def prior(self) -> Prior | None:
+    def prior(self) -> Prior | JointPrior | None:
         """All that is known beforehand; None for nothing."""
         return known_beforehand(self.declared, self.random, self.known)
 
@@ -478,7 +525,7 @@ def observe(
     cell: Cell,
     errors: Floats | None = None,
     random: RandomEffects | None = None,
-    known: Prior | None = None,
+    known: Prior | JointPrior | None = None,
     declared: DeclaredErrors | None = None,
 ) -> Observations:
     """The touches as the adjustment takes them.

@@ -27,6 +27,7 @@ from scara_kinetostatic.calibration.noise import estimated_levels
 from scara_kinetostatic.calibration.observations import (
     NO_ERRORS,
     DeclaredErrors,
+    JointPrior,
     Observations,
     Prior,
     RandomEffects,
@@ -108,7 +109,7 @@ class Calibration:
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
         random: the random effects, at all touches; None for none.
         random_values: estimates of these in units of their sizes, (r,).
-        known: what is known beforehand of the values of effects; None for nothing.
+        known: what is known beforehand of the values of effects, or by an earlier calibration; None for nothing.
         alternatives: the sets of effects of which it is the mean; empty where it is no mean.
         place_stds: standard deviations of places of effects on their grids, by name, larger than those by `covariance`.
         added: what is in `covariance` besides what follows from the fit.
@@ -156,7 +157,7 @@ class Calibration:
     termination: Termination
     random: RandomEffects | None = None
     random_values: Floats = field(default_factory=lambda: NO_ERRORS)
-    known: Prior | None = None
+    known: Prior | JointPrior | None = None
     alternatives: tuple[Alternative, ...] = ()
     place_stds: Mapping[str, float] = field(default_factory=dict)
     added: tuple[Contribution, ...] = ()
@@ -469,6 +470,7 @@ def build_result(
         identifiability=identifiability,
         iterations=found.iterations,
         termination=fit.termination,
+        known=observations.known,
         near=fit.point,
     )
 

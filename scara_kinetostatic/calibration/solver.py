@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point, Stage, last_step, moved
-from scara_kinetostatic.calibration.observations import Observations, Prior
+from scara_kinetostatic.calibration.observations import JointPrior, Observations, Prior
 from scara_kinetostatic.gaussian import least_squares
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
@@ -80,7 +80,7 @@ class ActivePrior(NamedTuple):
         rows: derivatives of the residuals by all values of the model and the errors, (p, 12 + k + m).
     """
 
-    prior: Prior
+    prior: Prior | JointPrior
     active: Mask
     rows: Floats
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.observations import ASSUMED_PLACES, LARGE_EFFECT, RIVALS, UNDETECTED, VALUE
+from scara_kinetostatic.calibration.observations import ASSUMED_PLACES, LARGE_EFFECT, RIVALS, UNDETECTED, VALUE, Prior
 from scara_kinetostatic.calibration.result import Calibration, Contribution, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -187,7 +187,7 @@ def _undeclared(c: Calibration) -> tuple[Indices, Floats, Floats]:
     deviations in its units, and in m, (g,) each.
     """
     found = list[tuple[int, float, float]]()
-    if c.known is not None:
+    if isinstance(c.known, Prior):
         named = zip(c.known.trusted.tolist(), c.known.std.tolist(), strict=True)
         labels = tuple(f'{name}[' for name in _PLACES)
         found += [(k, std, std) for k, std in named if c.model.names[k].startswith(labels)]

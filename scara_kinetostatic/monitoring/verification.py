@@ -194,6 +194,7 @@ def verify(
     cell: Cell | None = None,
     recordings: Sequence[Recording] = (),
     differing: Sequence[str] = (),
+    state: CalibratedState | None = None,
 ) -> Verification:
     """Hold touches against a calibration.
 
@@ -203,6 +204,7 @@ def verify(
         cell: in which they were made; by default that of the calibration.
         recordings: where they come from.
         differing: which of these contain another cell description, one sentence each.
+        state: what may be off, at the values of the calibration; by default what the calibration itself says.
 
     Raises:
         UnsupportedDataError: there is no touch.
@@ -215,7 +217,7 @@ def verify(
     check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     record = record.in_cell(cell)
     touches, noise = detection.touches.replace(order=np.full(len(detection.touches), LATER)), record.noise_freedoms
-    state = CalibratedState.of(record, cell)
+    state = state or CalibratedState.of(record, cell)
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.known, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)

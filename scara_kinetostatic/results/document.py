@@ -197,6 +197,7 @@ def as_document(outcome: Outcome) -> Document:
                 for item in outcome.recordings
             ],
             'sources': outcome.sources,
+            **({'from': outcome.earlier._asdict()} if outcome.earlier else {}),
             'warnings': outcome.warnings,
             'cell': cell_entry(c.cell),
             'model': model_entry(outcome.arm),
