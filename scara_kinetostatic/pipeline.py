@@ -40,7 +40,7 @@ Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
 
 
-def _unreported(step: str, part: float) -> None:
+def unreported(step: str, part: float) -> None:
     """Nobody wants to know."""
 
 
@@ -57,7 +57,7 @@ def calibrate_files(
     left_out: Sequence[str] = (),
     *,
     options: tuple[str, str, str] = ('--cell', '--fix', '--leave-out'),
-    progress: Progress = _unreported,
+    progress: Progress = unreported,
 ) -> Outcome:
     """Calibrate as a user states it, in texts.
 
@@ -81,7 +81,7 @@ def calibrate_files(
     cell = load_cell(cell_file) if cell_file else recorded_cell(paths, cell_option)
     values = fixed_values(fixed, cell.nominal, fixed_option)
     try:
-        detection, read_as = _detect(paths, cell, entries, progress)
+        detection, read_as = detect(paths, cell, entries, progress)
         outcome = calibrate_touches(detection, read_as, fixed=values, sources=paths, progress=progress)
     except CellError as error:
         where = cell_file or f'the cell description in {paths[0]}'
@@ -96,7 +96,7 @@ def calibrate_recordings(
     *,
     fixed: Mapping[str, float] | None = None,
     left_out: Sequence[LeftOut] = (),
-    progress: Progress = _unreported,
+    progress: Progress = unreported,
 ) -> Outcome:
     """Read recordings and touch tables, find their touches, calibrate, diagnose.
 
@@ -115,11 +115,11 @@ def calibrate_recordings(
         ParameterError: `fixed` names no parameter, or `left_out` no touch or recording.
     """
     paths = kept_recordings(paths, left_out)
-    detection, cell = _detect(paths, cell, left_out, progress)
+    detection, cell = detect(paths, cell, left_out, progress)
     return calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
 
 
-def _detect(
+def detect(
     paths: Sequence[str | Path], cell: Cell, left_out: Sequence[LeftOut], progress: Progress
 ) -> tuple[Detection, Cell]:
     """The touches of recordings and tables without those left out, and the cell as these files are to be read."""
@@ -130,7 +130,7 @@ def _detect(
     return detection, cell
 
 
-def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress = _unreported) -> Detection:
+def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress = unreported) -> Detection:
     """The touches of several recordings and tables, numbered on from one to the next.
 
     Their order in time is that of the recordings where it is known, else the one given.
@@ -175,7 +175,7 @@ def calibrate_touches(
     *,
     fixed: Mapping[str, float] | None = None,
     sources: Sequence[str | Path] = (),
-    progress: Progress = _unreported,
+    progress: Progress = unreported,
 ) -> Outcome:
     """Calibrate touches, diagnose, predict held-out touches.
 

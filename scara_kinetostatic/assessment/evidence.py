@@ -27,12 +27,13 @@ first and a last rejected touch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +59,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.search import FOUND
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.gaussian.linear_model import leverage, orthonormal
+from scara_kinetostatic.model.arm import UsedRange
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.threads import one_thread
@@ -326,16 +328,23 @@ class Earlier(NamedTuple):
         sha256: of that.
         freed: names of the values of the model that may have changed since.
         p_value: of the touches agreeing with it.
+        grade: of it.
+        used: what its touches cover.
+        unseen: slip of the zero of a joint that the touches would not have shown, rad, by parameter; infinite where
+            they would show none, and without those that are freed.
         contradiction: what the touches say against it, one clause; empty where they agree.
-        action: what to do then.
+        causes: what may have changed, as in `verification.json`.
     """
 
     path: str
     sha256: str
     freed: tuple[str, ...]
     p_value: float
+    grade: str
+    used: UsedRange
+    unseen: Mapping[str, float]
     contradiction: str = ''
-    action: str = ''
+    causes: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -150,6 +150,10 @@ class Limits:
     """
     most_unusable: float = 1 / 3
     """Part of the touches found that are not used, for whatever reason, above which: caution. Source: convention."""
+    unseen_slip: float = 2e-4
+    """Slip of a joint's zero since the earlier calibration that the touches would not show, above which: caution, rad.
+    Source: it moves the tip of a SCARA of 0.6 m by 0.1 mm, several times what a calibration leaves uncertain.
+    """
     model_error_unfit: float = 2.0
     """Reduced chi-square above which an unexplained model error is larger than the noise, so that standard
     uncertainties say nothing of its bias: unfit, below caution. Source: noise alone gives 1, an error as large as it 2.
@@ -226,10 +230,25 @@ def mistaken(evidence: Evidence) -> Iterator[Remark]:
         yield unfit('the fit did not converge', evidence.final.termination.remedy)
 
 
-def contradicts_earlier(evidence: Evidence) -> Iterator[Remark]:
-    """Touches that contradict the calibration that was their prior."""
-    if evidence.earlier and evidence.earlier.contradiction:
-        yield unfit(evidence.earlier.contradiction, evidence.earlier.action)
+def updated(evidence: Evidence) -> Iterator[Remark]:
+    """Touches that contradict the calibration that was their prior, or are too few for that; its own grade."""
+    earlier = evidence.earlier
+    if earlier is None:
+        return
+    if earlier.contradiction:
+        action = 'find out what changed, and free it by --free, or calibrate again from nothing'
+        yield unfit(f'the touches contradict the earlier calibration: {earlier.contradiction}', action)
+    hidden = {name: size for name, size in earlier.unseen.items() if size > Limits.unseen_slip}
+    if hidden and not earlier.contradiction:
+        sizes = [f'joint {name[-1]}{_below(size)}' for name, size in hidden.items()]
+        reason = f'these touches would not show a slip since the earlier calibration of {" or ".join(sizes)}'
+        yield caution(reason, 'make more touches, or touches farther apart')
+    if earlier.grade != Grade.FIT.value:
+        yield caution(f'the earlier calibration was graded {earlier.grade}', 'follow the advice in its report')
+
+
+def _below(size: float) -> str:
+    return f' by less than {quantity(size, "rad")}' if np.isfinite(size) else ''
 
 
 def negative(evidence: Evidence) -> Iterator[Remark]:
@@ -302,11 +321,11 @@ def checked(evidence: Evidence) -> Iterator[Remark]:
     """
     c, errors, leverages = evidence.final, evidence.comparison.extended, evidence.leverages
     ratio = errors.held_out / max(errors.force_error, c.noise.force_rms)
-    if not ratio <= Limits.held_out_caution:
+    if not ratio <= Limits.held_out_caution and not evidence.earlier:  # by it each was predicted
         held_out = f'touches that the fit has not seen are predicted with a force error of {errors.held_out:.2g} N'
         reason = f'{held_out}, those it has seen with {errors.force_error:.2g} N'
         yield (caution if ratio <= Limits.held_out_unfit else unfit)(reason, _RECORD_MORE)
-    ratio = evidence.object_left_out
+    ratio = 0.0 if evidence.earlier else evidence.object_left_out
     if ratio > Limits.left_out:
         off = f'the tip is off by {ratio:.2g} times what is stated there'
         action = 'measure the places of the objects again, and declare how well they are known; touch more objects'
@@ -317,8 +336,11 @@ def checked(evidence: Evidence) -> Iterator[Remark]:
         reason = f'{number} of {len(leverages)} touches are not checked by the others: of an error of touch {touch} '
         reason += f'the parameters absorb {percentage(largest)}'
         action = f'touch again beside touch {touch}, and beside the others that decide alone'
+        if evidence.earlier:  # what was freed is determined by as many touches as it needs, or by more
+            yield caution(reason, f'make {"two" if number > 1 else "one"} more: a wrong one would go unnoticed')
+            return
         yield (caution if largest <= Limits.leverage_unfit else unfit)(reason, _RECORD_MORE if number > 4 else action)
-    if c.degrees_of_freedom < Limits.least_freedoms:
+    if c.degrees_of_freedom < Limits.least_freedoms and not evidence.earlier:
         guess = c.noise_source == 'estimated'
         consequence = 'the estimated noise is a guess' if guess else 'they do not check the stated noise'
         few = f'{int(c.used.sum())} touches are few, with {c.degrees_of_freedom} degrees of freedom'
@@ -503,6 +525,8 @@ def large_backlash(evidence: Evidence) -> Iterator[Remark]:
 def alike(evidence: Evidence) -> Iterator[Remark]:
     """An elbow posture that was not touched; forces that are all alike."""
     c = evidence.final
+    if evidence.earlier:
+        return
     touched, (left, right) = np.unique(c.touches.posture[c.used]), evidence.tip_uncertainty.alone
     if len(touched) == 1 and (left, right)[int(touched[0] < 0)] < 1:  # the limits leave the other elbow some place
         own, other, part = ('left', 'right', right) if touched[0] > 0 else ('right', 'left', left)
@@ -619,7 +643,7 @@ def advice(evidence: Evidence) -> str:
 
 CRITERIA = (
     *(assumed, less_known_than_nominal),
-    *(mistaken, contradicts_earlier, negative, forgotten_gravity, upside_down, undetermined, rejected, checked),
+    *(mistaken, updated, negative, forgotten_gravity, upside_down, undetermined, rejected, checked),
     *(unexplained, ambiguous, shifted, noise, unusable, large_backlash, conformity, alike, places),
 )
 """In the order in which equally grave reasons are given."""

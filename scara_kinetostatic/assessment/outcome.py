@@ -99,7 +99,10 @@ class Outcome(Evidence):
     def arm(self) -> CalibratedArm:
         """What is needed of the final calibration to use it, with its assessment."""
         created = self.created.astimezone(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
-        return replace(self.final.arm, grade=self.assessment.grade.value, verdict=self.verdict, created=created)
+        arm = self.final.arm
+        if self.earlier is not None:
+            arm = replace(arm, used=arm.used.joined(self.earlier.used))
+        return replace(arm, grade=self.assessment.grade.value, verdict=self.verdict, created=created)
 
     @cached_property
     @one_thread

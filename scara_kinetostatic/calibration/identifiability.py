@@ -236,8 +236,8 @@ def _sparse_rows(rows: Floats) -> Floats:
 
 
 def condition_number(derivative: Floats) -> float:
-    """Largest over smallest singular value of a Jacobian (n, 2, k) whose columns are made unit."""
-    flat = derivative.reshape(-1, derivative.shape[2])
+    """Largest over smallest singular value of a Jacobian (…, k) whose columns are made unit."""
+    flat = derivative.reshape(-1, derivative.shape[-1])
     norms = np.linalg.norm(flat, axis=0)
     values = np.linalg.svd(np.linalg.qr(flat / np.where(norms > 0, norms, 1.0), mode='r'), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0 else float('inf')

@@ -440,6 +440,9 @@ def build_result(
     everything = enlargement_of(chi_square, freedoms) * everything
     covariance = everything[: len(model.names), : len(model.names)]
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
+    if isinstance(observations.known, JointPrior):
+        rows = observations.known.rows(len(model.names))[:, : len(model.names)] @ found.subspace.basis
+        changes = np.concatenate([changes.reshape(-1, rows.shape[1]), rows])
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     held, values = model.held.union(model.aliases, fixed), model.as_array()
     free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)

@@ -26,7 +26,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.observations import ASSUMED_PLACES, LARGE_EFFECT, RIVALS, UNDETECTED, VALUE, Prior
+from scara_kinetostatic.calibration.observations import (
+    ASSUMED_PLACES,
+    EARLIER,
+    LARGE_EFFECT,
+    RIVALS,
+    UNDETECTED,
+    VALUE,
+    Prior,
+)
 from scara_kinetostatic.calibration.result import Calibration, Contribution, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -49,6 +57,7 @@ _TITLES = {
     RIVALS: 'choice between possible causes',
     VALUE: 'choice of {}',
     UNDETECTED: 'undetected {}',
+    EARLIER: 'earlier calibration',
     LARGE_EFFECT: 'one large flaw that the touches do not exclude',
     ASSUMED_PLACES: 'places of objects that are not declared',
     'object_position': 'place of {}',

@@ -22,8 +22,15 @@ object,time_s,approach1,approach2.
 Several inputs are calibrated together, as one longer recording of the same
 robot and cell.
 
+--from brings an earlier calibration up to date by a few touches: its result with
+its whole covariance is the prior. What --free names is known as the data sheet
+knows it instead: tool (theta2, l2, p_ee, g_ee), zeros (theta1, theta2), base (x0,
+y0, theta1) or a parameter. Where the touches contradict the prior the result is
+unfit, and what most likely changed is said.
+
 Example:
   scara-kinetostatic calibrate monday tuesday --cell cell.yaml --out result --fix p1 --fix l1=0.3302
+  scara-kinetostatic calibrate four.csv --from result/calibration.json --free tool --out new
   scara-kinetostatic calibrate touches.csv --cell cell.yaml --out result --residuals residuals.csv
 """
 
@@ -41,15 +48,18 @@ from scara_kinetostatic.cli.shared_arguments import (
     out_option,
     progress,
 )
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.errors import InputError, ParameterError
 
 _FIX = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
+_FREE = 'with --from, what may have changed since: tool, zeros, base, or a NAME; repeatable'
 _LEAVE_OUT = 'leave out touches (5, 10-14), by their numbers in the result, or a recording (NAME); repeatable'
 ARGUMENTS = (
     ('bags', 'BAG', Path, 'recordings, or touch tables (.csv), of one robot', {'nargs': '+'}),
     cell_option('the one in the recording'),
     MAX_BYTES,
     out_option('calibration'),
+    ('--from', 'CALIBRATION.json', Path, 'an earlier calibration, the prior of a few touches', {'dest': 'earlier'}),
+    ('--free', 'WHAT', str, _FREE, SEVERAL),
     ('--fix', 'NAME[=VALUE]', str, _FIX, SEVERAL),
     ('--leave-out', 'TOUCHES', str, _LEAVE_OUT, SEVERAL),
     ('--residuals', 'FILE.csv', Path, 'write residuals.csv there as well'),
@@ -70,7 +80,13 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.results.document import RESIDUALS, RESULTS, residual_table, write_results
     from scara_kinetostatic.results.report import text_report
 
-    inputs = [*args.bags, *([args.cell] if args.cell else [])]
+    if args.free and not args.earlier:
+        raise ParameterError('--free', 'is for --from CALIBRATION.json', 'give both')
+    if args.fix and args.earlier:
+        raise ParameterError(
+            '--fix', 'is not for --from, which holds what the earlier calibration held', 'leave it out'
+        )
+    inputs = [*args.bags, *(path for path in (args.cell, args.earlier) if path)]
     results = [(args.out / name).resolve() for name in RESULTS]
     if replaced := [given for given in inputs if given.resolve() in results]:
         remedy = 'choose another folder for --out'
@@ -83,7 +99,12 @@ def run(args: argparse.Namespace) -> None:
             remedy = 'choose another file for --residuals'
             raise InputError(residuals, 'is a result and would be replaced', remedy)
     with progress() as show_progress:
-        outcome = calibrate_files(args.bags, args.cell, args.fix, args.leave_out, progress=show_progress)
+        if args.earlier:
+            from scara_kinetostatic.monitoring.update import update_files
+
+            outcome = update_files(args.bags, args.earlier, args.free, args.cell, args.leave_out, show_progress)
+        else:
+            outcome = calibrate_files(args.bags, args.cell, args.fix, args.leave_out, progress=show_progress)
         show_progress('writing the report', 1.0)
         assessment = outcome.assessment
         if residuals and residuals.resolve() != (args.out / RESIDUALS).resolve():

@@ -36,7 +36,7 @@ from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import whitened_square
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise import USUAL_NOISE, raised
-from scara_kinetostatic.calibration.observations import Prior, RandomEffects, Source
+from scara_kinetostatic.calibration.observations import JointPrior, Prior, RandomEffects, Source
 from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS, find_good, studentised
 from scara_kinetostatic.calibration.result import Calibration, enlargement_of, outlier_rejections
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
@@ -402,7 +402,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
 def trusted_rows(c: Calibration, base: Floats) -> tuple[Floats, Floats]:
     """Rows of the trusted nominal values by L̄ in a basis (12, b), (p, b), and their residuals, (p,)."""
     prior = ActivePrior.of(c.observe(), c.subspace) if c.trusted else None
-    if prior is None:
+    if prior is None or isinstance(prior.prior, JointPrior):
         return np.zeros((0, base.shape[1])), np.zeros(0)
     kept = prior.active[: len(prior.prior.trusted)] & (prior.prior.trusted < len(base))
     at, std = prior.prior.trusted[kept], prior.prior.std[kept]

@@ -53,6 +53,15 @@ class UsedRange(NamedTuple):
     duration: float
     postures: tuple[int, ...]
 
+    def joined(self, other: UsedRange) -> UsedRange:
+        """What either covers."""
+        return UsedRange(
+            min(self.lowest_force, other.lowest_force),
+            max(self.highest_force, other.highest_force),
+            max(self.duration, other.duration),
+            tuple(side for side in (1, -1) if side in self.postures + other.postures),
+        )
+
 
 class SensorErrors(NamedTuple):
     """Errors of the force sensor that the calibration estimated within their declared uncertainty.

@@ -55,7 +55,8 @@ class CalibratedState(NamedTuple):
         units: SI unit of each.
         scale: its plausible size, SI, (p,).
         cell: in which every error is declared with a standard uncertainty of one SI unit.
-        errors: their estimates by the calibration, (m,), SI.
+        model: the values of the model by the calibration, (p - m,), SI.
+        errors: estimates of the errors by it, (m,), SI.
         known: δ by the calibration, in units of `scale`.
     """
 
@@ -63,6 +64,7 @@ class CalibratedState(NamedTuple):
     units: tuple[str, ...]
     scale: Floats
     cell: Cell
+    model: Floats
     errors: Floats
     known: Gaussian
 
@@ -104,12 +106,19 @@ class CalibratedState(NamedTuple):
                 covariance[place, place] = std**2
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
         known = Gaussian(np.zeros(len(names)), covariance / np.outer(scale, scale))
-        return cls(names, units, scale, probe.cell, mean[values:], known)
+        return cls(names, units, scale, probe.cell, arm.model.as_array(), mean[values:], known)
 
     @property
     def values(self) -> int:
         """How many are values of the model."""
-        return len(self.names) - len(self.errors)
+        return len(self.model)
+
+    def is_possible(self, place: int, change: float, std: float) -> bool:
+        """Whether a change leaves a compliance or backlash that is not negative beyond its uncertainty."""
+        if not P_EE <= place < len(NAMES):
+            return True
+        known = np.sqrt(self.known.covariance[place, place]) * self.scale[place]
+        return bool(self.model[place] + change > -_NEGATIVE * np.hypot(np.nan_to_num(std), known))
 
     def place(self, name: str) -> int:
         """Position of a value of the model or, if it has none of that name, of an error of the cell."""
@@ -224,6 +233,8 @@ class PredictionTest(NamedTuple):
         return cls(chi_square, freedoms, p_value, np.sqrt(squares), of_each, expected)
 
 
+_NEGATIVE = 4.0
+"""Standard uncertainties below zero beyond which no compliance or backlash is, as for a grade."""
 PENALTY = 4.0
 """Of each changed value, as Schwarz's criterion log n for about fifty measured numbers."""
 _PARTS = {
@@ -337,14 +348,16 @@ def hypotheses_of(state: CalibratedState, objects: Sequence[int] | None = None) 
 
 
 def ranked(hypotheses: Sequence[Hypothesis], evidence: Information, state: CalibratedState) -> list[Hypothesis]:
-    """All of them with what they explain of the evidence, the best first."""
+    """Those that are possible, with what they explain of the evidence, the best first."""
     found = []
     for hypothesis in hypotheses:
         ratio, scale = evidence.ratio(hypothesis.places), state.scale[list(hypothesis.places)]
         change, std = (tuple((scale * part).tolist()) for part in (ratio.change, ratio.std))
         far, unsure = float(np.linalg.norm(change)), float(scale[0] * ratio.size_std)
         distance = (far, unsure) if hypothesis.values == ('x', 'y') else None
-        found.append(hypothesis._replace(statistic=ratio.statistic, change=change, std=std, distance=distance))
+        hypothesis = hypothesis._replace(statistic=ratio.statistic, change=change, std=std, distance=distance)
+        if all(map(state.is_possible, hypothesis.places, change, std)):
+            found.append(hypothesis)
     return sorted(found, key=lambda item: -item.score)
 
 
@@ -381,6 +394,13 @@ class Causes(NamedTuple):
     def is_open(self, level: float) -> bool:
         """Whether what the likeliest change leaves is significant at a level."""
         return self.remaining_p_value < level
+
+    @property
+    def odds(self) -> list[tuple[str, float]]:
+        """The likeliest change and its rivals in words, with their probabilities."""
+        titled = [item for item in self.ranking if item.name in (self.ranking[0].name, *self.rivals)]
+        weights = np.exp([(item.score - self.ranking[0].score) / 2 for item in titled])
+        return [*zip((item.title for item in titled), (weights / weights.sum()).tolist(), strict=True)]
 
     def title(self, level: float) -> str:
         """The likeliest change in words, and how far it is."""

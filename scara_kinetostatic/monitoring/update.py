@@ -1,9 +1,9 @@
 """A calibration brought up to date by a few touches: the earlier result, with its whole covariance, is the prior.
 
 The values of the model and the errors of the cell have the joint covariance of the earlier calibration, as `verify` has
-it (`change`). What is freed, such as a tool that was changed, is known as the data sheet knows it instead: nominal value,
-and its declared standard uncertainty or plausible range, independent of all others. The touches are then fitted as any
-others, with these rows beside theirs.
+it (`change`). What is freed, such as a tool that was changed, is known as the data sheet knows it instead: its nominal
+value, with the declared standard uncertainty or the plausible range, independent of all others. The touches are then
+fitted as any others, with these rows beside theirs.
 
 Touches that contradict the prior are not averaged with it unsaid: at the fit, touches and prior together leave a
 chi-square of two degrees of freedom per touch, and what may have changed besides is ranked as for two calibrations.
@@ -18,11 +18,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
-from scara_kinetostatic.assessment.evidence import Earlier
-from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.evidence import Earlier, likely
+from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.held_out import held_out_force_error
@@ -36,17 +37,22 @@ from scara_kinetostatic.calibration.observations import (
 )
 from scara_kinetostatic.calibration.result import Calibration, Contribution
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Value
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
-from scara_kinetostatic.files.atomic import recording_checksum
+from scara_kinetostatic.files.atomic import check_different, recording_checksum
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.gaussian.information import Gaussian
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import LATER
-from scara_kinetostatic.monitoring.change import CalibratedState
-from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.change import CalibratedState, Causes, measure
+from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
+from scara_kinetostatic.monitoring.report import causes_document
 from scara_kinetostatic.monitoring.verification import LEVEL, Verification, verify
-from scara_kinetostatic.pipeline import recordings_of
+from scara_kinetostatic.pipeline import Progress, detect, parse_left_out, recordings_of, unreported
 from scara_kinetostatic.touches.detection import Detection
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -55,6 +61,11 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     'base': ('x0', 'y0', 'theta1'),
 }
 """What is freed by a word."""
+
+
+_SHOWN = 4.6
+"""Standard deviations of a slip that shows: a chi-square of 24 touches has the p-value 1e-3 then, of four touches less.
+"""
 
 
 def freed_names(texts: Sequence[str], record: CalibrationRecord, where: str = '--free') -> tuple[str, ...]:
@@ -114,9 +125,11 @@ def update(
     record = record.in_cell(cell)
     state = prior_state(record, cell, freed)
     c = _fit(detection, record, cell, state, freed)
-    checked = _checked(detection, record, state, c)
-    if checked.repeated:
-        problem = f'{checked.repeated} of {checked.touches} touches were part of the earlier calibration'
+    recordings = recordings_of(detection, sources)
+    checked, _ = checks = _checked(detection, record, state, c, freed, recordings)
+    if checked.repeated or checked.seen:
+        seen = ', '.join(checked.seen) or f'{checked.repeated} of {checked.touches} touches'
+        problem = f'{seen}: part of the earlier calibration'
         raise InputError(record.source, problem, 'give touches made since')
     held_out = held_out_force_error(c)
     before_fit = [item for item in c.rejected if item.index not in c.touches.index]
@@ -132,8 +145,8 @@ def update(
         first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,
         sources=tuple(map(str, sources)),
-        recordings=recordings_of(detection, sources),
-        earlier=_earlier(record, freed, checked),
+        recordings=recordings,
+        earlier=_earlier(record, freed, *checks),
     )
 
 
@@ -171,11 +184,9 @@ def _enlarged(noise: Noise, factor: float) -> Noise:
     """Noise of so many times the variance."""
     if factor == 1:
         return noise
-    (q1, q2), (fx, fy), by_force = (
-        np.sqrt(factor) * np.array(part) for part in (noise.joint_levels, noise.force_levels, noise.growth)
-    )
-    grows = None if noise.force_relative is None else float(by_force)
-    return noise._replace(joint=(q1, q2), force=(fx, fy), force_relative=grows)
+    q1, q2, fx, fy = (np.sqrt(factor) * np.array([*noise.joint_levels, *noise.force_levels])).tolist()
+    grows = None if noise.force_relative is None else float(np.sqrt(factor)) * noise.force_relative
+    return Noise((q1, q2), (fx, fy), grows)
 
 
 def _stays(record: CalibrationRecord) -> list[Contribution]:
@@ -195,18 +206,34 @@ def _stays(record: CalibrationRecord) -> list[Contribution]:
     return [Contribution(name, None, '', part) for name, part in (*parts.items(), (label, rest))]
 
 
-def _checked(detection: Detection, record: CalibrationRecord, state: CalibratedState, c: Calibration) -> Verification:
-    """The touches, all of them, held against the prior, linearised at the fit."""
-    declared = DeclaredErrors.of(c.cell)
+def _checked(
+    detection: Detection,
+    record: CalibrationRecord,
+    state: CalibratedState,
+    c: Calibration,
+    freed: Sequence[str],
+    recordings: Sequence[Recording],
+) -> tuple[Verification, dict[str, float]]:
+    """The touches, all of them, held against the prior, linearised at the fit; and by zero of a joint that is not freed
+    the slip that they would not have shown, rad.
+    """
+    declared, values = DeclaredErrors.of(c.cell), len(c.model.names)
     moved = np.zeros(len(state.names))
-    moved[: len(c.model.names)] = c.model.as_array() - record.arm.model.as_array()
+    moved[:values] = c.model.as_array() - record.arm.model.as_array()
     if declared is not None:
-        at = [len(c.model.names) + state.names[len(c.model.names) :].index(name) for name in declared.names]
-        moved[at] = declared.units * c.errors - state.errors[np.array(at) - len(c.model.names)]
+        at = np.array([state.names[values:].index(name) for name in declared.names])
+        moved[values + at] = declared.units * c.errors - state.errors[at]
     known = Gaussian(state.known.mean - moved / state.scale, state.known.covariance)
-    errors = state.errors + moved[len(c.model.names) :]
+    state = state._replace(known=known, errors=state.errors + moved[values:])
     fitted = replace(record, arm=replace(record.arm, model=c.model, cell=c.cell))
-    return verify(detection, fitted, c.cell, state=state._replace(known=known, errors=errors))
+    information = known.change(measure(detection.touches, fitted, state).information())
+    unseen = {}
+    for name in ('theta1', 'theta2'):
+        place = NAMES.index(name)
+        if name not in freed:
+            std = float(information.ratio([place]).std[0] * state.scale[place])
+            unseen[name] = _SHOWN * std if np.isfinite(std) else np.inf
+    return verify(detection, fitted, c.cell, recordings, state=state), unseen
 
 
 def _diagnosis(record: CalibrationRecord, c: Calibration, p_value: float) -> Diagnosis:
@@ -215,15 +242,68 @@ def _diagnosis(record: CalibrationRecord, c: Calibration, p_value: float) -> Dia
     for effect in record.arm.effects:
         rows = zip(effect.parameters, c.effects[effect.label].values(), strict=True)
         values = tuple(Value(p.name, e.value, e.std, e.unit, p.meaning) for p, e in rows)
-        found.append(Found(effect, values, in_every_model=True))
+        found.append(Found(cast('Effect', effect), values, in_every_model=True))
     return Diagnosis(record.arm.verdict, p_value, tuple(found))
 
 
-def _earlier(record: CalibrationRecord, freed: Sequence[str], checked: Verification) -> Earlier:
+def _what_changed(causes: Causes) -> str:
+    """The likeliest change in words, and where others are about as likely, which."""
+    others = f'; odds: {likely(causes.odds)}' if causes.rivals and not causes.is_open(LEVEL) else ''
+    return causes.title(LEVEL) + others
+
+
+def _earlier(
+    record: CalibrationRecord, freed: Sequence[str], checked: Verification, unseen: Mapping[str, float]
+) -> Earlier:
     """Which calibration was brought up to date, and whether the touches contradict it."""
-    reason, action = '', ''
-    if checked.others.p_value < LEVEL:
-        reason = f'the touches contradict the earlier calibration: {checked.causes.title(LEVEL)}'
-        action = 'find out what changed, and free it by --free, or calibrate again from nothing'
-    sha256 = recording_checksum(record.source)
-    return Earlier(record.source, sha256, tuple(freed), checked.p_value, reason, action)
+    return Earlier(
+        record.source,
+        recording_checksum(record.source),
+        tuple(freed),
+        checked.p_value,
+        record.arm.grade,
+        record.arm.used,
+        unseen,
+        _what_changed(checked.causes) if checked.others.p_value < LEVEL else '',
+        causes_document(checked.causes),
+    )
+
+
+def update_files(
+    paths: Sequence[Path],
+    earlier: Path,
+    freed: Sequence[str] = (),
+    cell_file: Path | None = None,
+    left_out: Sequence[str] = (),
+    progress: Progress = unreported,
+) -> Outcome:
+    """Bring a calibration up to date as a user states it, in texts.
+
+    Args:
+        paths: recordings and touch tables of the new touches.
+        earlier: the `calibration.json`.
+        freed: what may have changed: ``tool``, ``zeros``, ``base``, or names.
+        cell_file: the cell description; None for that of the calibration.
+        left_out: touches and recordings to leave out, such as ``10-14``.
+        progress: called at each step.
+
+    Raises:
+        InputError: a file is wrong, or of another robot; the earlier calibration is unfit.
+        ParameterError: `freed` or `left_out` names nothing.
+        UnsupportedDataError: too few touches.
+    """
+    check_different(list(paths))
+    record = CalibrationRecord.load(earlier)
+    if record.arm.grade == 'unfit':
+        raise InputError(earlier, 'is unfit for use: its values are no prior', 'calibrate from nothing')
+    cell, names = load_cell(cell_file) if cell_file else record.arm.cell, freed_names(freed, record)
+    before = record.arm.cell.nominal.as_dict()
+    same = cell.nominal.replace(**{name: before[name] for name in names if name in before})  # but for the new part
+    check_same_arm(record.arm.cell, replace(cell, nominal=same), str(earlier), str(cell_file or earlier))
+    if not cell_file:
+        for path in paths:
+            if not is_touch_table(path):
+                check_same_recorded(cell, path, str(earlier))
+    detection, cell = detect(paths, cell, parse_left_out(left_out, '--leave-out'), progress)
+    progress(f'fitting {len(detection.touches)} touches', 0.3)
+    return update(detection, record, cell, names, paths)

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic import __version__
+from scara_kinetostatic.assessment.evidence import Earlier
 from scara_kinetostatic.assessment.grade import rivals_in_words
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.joint_covariance import UndetectedErrors, joint_covariance
@@ -197,7 +198,7 @@ def as_document(outcome: Outcome) -> Document:
                 for item in outcome.recordings
             ],
             'sources': outcome.sources,
-            **({'from': outcome.earlier._asdict()} if outcome.earlier else {}),
+            **_from(outcome.earlier),
             'warnings': outcome.warnings,
             'cell': cell_entry(c.cell),
             'model': model_entry(outcome.arm),
@@ -217,6 +218,14 @@ def as_document(outcome: Outcome) -> Document:
         }
     )
     return document
+
+
+def _from(earlier: Earlier | None) -> Document:
+    """The calibration that was the prior."""
+    if earlier is None:
+        return {}
+    kept = ('path', 'sha256', 'freed', 'p_value', 'grade', 'contradiction')
+    return {'from': {**{key: getattr(earlier, key) for key in kept}, 'unseen_slip': earlier.unseen, **earlier.causes}}
 
 
 def _budget(outcome: Outcome) -> list[Document]:

@@ -51,6 +51,7 @@ def text_report(outcome: Outcome) -> str:
     facts = {
         'touches': f'{int(c.used.sum())} used of {outcome.found} found',
         'bias': bias(outcome),
+        'earlier': earlier_calibration(outcome),
         'noise': stated_noise(outcome),
         'determined': ' '.join(identifiability(outcome)),
     }
@@ -125,6 +126,7 @@ def _head(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     for item in outcome.recordings:
         start = '' if item.start is None else _date(item.start) if item.start.year > 2000 else 'simulated clock'
         found.append(('Recording', ', '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))
+    found += [('Earlier calibration', earlier_calibration(outcome))] if outcome.earlier else []
     return (*found, *((('Recording', path) for path in outcome.sources) if not outcome.recordings else ()))
 
 
@@ -337,6 +339,16 @@ def bias(outcome: Outcome) -> str:
     return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 
 
+def earlier_calibration(outcome: Outcome) -> str:
+    """The calibration that was the prior, and what was freed; empty where there is none."""
+    earlier = outcome.earlier
+    if earlier is None:
+        return ''
+    freed = f'freed: {", ".join(earlier.freed)}' if earlier.freed else 'nothing freed'
+    agree = 'contradict it' if earlier.contradiction else 'agree with it'
+    return f'{earlier.path}, {freed}; the touches {agree} ({p_equals(earlier.p_value)})'
+
+
 def stated_noise(outcome: Outcome) -> str:
     """Noise levels and their source."""
     n = outcome.final.noise
@@ -345,7 +357,8 @@ def stated_noise(outcome: Outcome) -> str:
         for scale, levels in ((IN_MICRO, n.joint_levels), (1.0, n.force_levels))
     )
     grown = f', in addition {percentage(n.growth, ".2g")} of the force' if n.growth else ''
-    source = {'given': 'given by the cell description', 'estimated': 'estimated from the residuals'}
+    given = 'that of the earlier calibration' if outcome.earlier else 'given by the cell description'
+    source = {'given': given, 'estimated': 'estimated from the residuals'}
     levels = f'{joint} µrad per joint and {force} N per force component{grown}'
     return f'{levels}, {source[outcome.final.noise_source]}'
 
