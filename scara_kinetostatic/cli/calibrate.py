@@ -40,6 +40,7 @@ import argparse
 from pathlib import Path
 
 from scara_kinetostatic.cli.shared_arguments import (
+    FREE,
     MAX_BYTES,
     SEVERAL,
     cell_option,
@@ -51,7 +52,6 @@ from scara_kinetostatic.cli.shared_arguments import (
 from scara_kinetostatic.errors import InputError, ParameterError
 
 _FIX = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
-_FREE = 'with --from, what may have changed since: tool, zeros, base, or a NAME; repeatable'
 _LEAVE_OUT = 'leave out touches (5, 10-14), by their numbers in the result, or a recording (NAME); repeatable'
 ARGUMENTS = (
     ('bags', 'BAG', Path, 'recordings, or touch tables (.csv), of one robot', {'nargs': '+'}),
@@ -59,7 +59,7 @@ ARGUMENTS = (
     MAX_BYTES,
     out_option('calibration'),
     ('--from', 'CALIBRATION.json', Path, 'an earlier calibration, the prior of a few touches', {'dest': 'earlier'}),
-    ('--free', 'WHAT', str, _FREE, SEVERAL),
+    FREE,
     ('--fix', 'NAME[=VALUE]', str, _FIX, SEVERAL),
     ('--leave-out', 'TOUCHES', str, _LEAVE_OUT, SEVERAL),
     ('--residuals', 'FILE.csv', Path, 'write residuals.csv there as well'),

@@ -13,6 +13,9 @@ step of the robot. Its hold lasts touch.hold of the cell.
 do not distinguish, and says how likely the likeliest is expected to be then;
 where touches hardly decide, what does.
 
+--from plans the fewest touches that bring an earlier calibration up to date: the
+tip as well known as before, and a slip of a joint that --free does not name shown.
+
 Example:
   scara-kinetostatic next --cell cell.yaml --out first
   scara-kinetostatic next recording --cell cell.yaml --touches 6 --out more
@@ -21,11 +24,12 @@ Example:
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.shared_arguments import note, out_option, print_result, progress, whole
-from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.cli.shared_arguments import FREE, note, out_option, print_result, progress, whole
+from scara_kinetostatic.errors import CellError, ParameterError, UnsupportedDataError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -37,6 +41,8 @@ ARGUMENTS = (
     ('bags', 'BAG', Path, 'touches that were made: recordings, or touch tables (.csv)', {'nargs': '*'}),
     ('--cell', 'FILE', Path, 'cell description, with robot.limits', {'required': True}),
     ('--calibration', 'FILE', Path, 'calibration.json: its model; without a BAG its touches count, too'),
+    ('--from', 'CALIBRATION.json', Path, 'plans the touches of `calibrate --from`', {'dest': 'earlier'}),
+    FREE,
     ('--touches', 'N', whole(1), 'how many (default: 12, none where it is enough)'),
     ('--goal', '', ('accuracy', 'decide'), 'what for (default: accuracy)', {'default': 'accuracy'}),
     out_option(files='next.csv, plan.yaml, program.csv', required=True),
@@ -63,11 +69,13 @@ def run(args: argparse.Namespace) -> None:
         planner, found = _known(args, cell)
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
-        from_file = args.calibration is not None
+        from_file = args.calibration is not None or args.earlier is not None
         decision = _decision(planner, found, number, from_file) if args.goal == 'decide' else None
-        planned = planner.discriminating(decision, number) if decision else planner.accurate(number)
+        fewest = args.earlier and not args.touches
+        planned = planner.fewest() if fewest else planner.accurate(number)
+        planned = planner.discriminating(decision, number) if decision else planned
         files = next_files(planner, planned)
-    if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
+    if args.goal == 'accuracy' and not args.touches and not args.earlier and _is_enough(planner, planned):
         return
     text = _summary(planner, planned)
     if decision is not None:
@@ -103,13 +111,22 @@ def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | N
     from scara_kinetostatic.planning.next_touches import Planner
 
     nominal = nominal_arm(cell)
-    if not args.calibration and not args.bags:
+    if not (args.earlier or args.calibration or args.bags):
         return Planner(nominal), None
     from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.model.parameters import NAMES
     from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import calibrate_touches, gather_touches
 
+    if args.earlier:
+        if args.bags or args.calibration:
+            raise ParameterError('--from', 'plans for that calibration alone', 'leave out BAG and --calibration')
+        from scara_kinetostatic.monitoring.update import freed_names, same_arm
+
+        record = CalibrationRecord.load(args.earlier)
+        freed = freed_names(args.free, record)
+        same_arm(record, cell, freed, str(args.earlier), str(args.cell))
+        return replace(record.planner(cell, record.touches), freed=freed), None
     if args.calibration:
         record = CalibrationRecord.load(args.calibration)
         check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
@@ -179,6 +196,9 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
         with suppress(UnsupportedDataError):  # so few touches allow none
             statement, many = Statement.of(robot, planned.plan), Statement.of_many(robot, planner.candidates.plan)
             predicted, more = statement.expanded, statement_sentences(statement, many)
+    elif planner.freed is not None:
+        slips = planner.smallest_slips(planned.chosen).items()
+        more = [f'a slip of joint {name[-1]} by {quantity(size, "rad")} or more will show' for name, size in slips]
     elif found.planned > 0.9 * found.now:
         more = [f'these touches hardly reduce it: its largest part is {planner.limit}']
     return (

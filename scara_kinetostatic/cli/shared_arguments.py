@@ -138,6 +138,8 @@ def _folder(text: str) -> Path:
 
 
 SEVERAL = {'action': 'append', 'default': []}
+_FREE = 'with --from, what may have changed since: tool, zeros, base, or a NAME; repeatable'
+FREE: Option = ('--free', 'WHAT', str, _FREE, SEVERAL)
 """Of an option that may be given several times."""
 MAX_BYTES: Option = (
     *('--max-bytes', 'N', _max_bytes),

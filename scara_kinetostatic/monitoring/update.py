@@ -23,6 +23,7 @@ from typing import cast
 import numpy as np
 
 from scara_kinetostatic.assessment.evidence import Earlier, likely
+from scara_kinetostatic.assessment.grade import SLIP_SHOWN
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
@@ -63,11 +64,6 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 """What is freed by a word."""
 
 
-_SHOWN = 4.6
-"""Standard deviations of a slip that shows: a chi-square of 24 touches has the p-value 1e-3 then, of four touches less.
-"""
-
-
 def freed_names(texts: Sequence[str], record: CalibrationRecord, where: str = '--free') -> tuple[str, ...]:
     """The values of the model that are freed, in their order.
 
@@ -80,6 +76,17 @@ def freed_names(texts: Sequence[str], record: CalibrationRecord, where: str = '-
         remedy = did_you_mean(name, (*GROUPS, *own))
         raise ParameterError(f'{where} {name}', 'expected tool, zeros, base or the name of a parameter', remedy)
     return tuple(name for name in own if name in named)
+
+
+def same_arm(record: CalibrationRecord, cell: Cell, freed: Sequence[str], first: str, second: str) -> None:
+    """Check that a cell has the robot of a calibration, but for what is freed; `first` and `second` are their files.
+
+    Raises:
+        InputError: it has not.
+    """
+    before = record.arm.cell.nominal.as_dict()
+    same = cell.nominal.replace(**{name: before[name] for name in freed if name in before})
+    check_same_arm(record.arm.cell, replace(cell, nominal=same), first, second)
 
 
 def prior_state(record: CalibrationRecord, cell: Cell, freed: Sequence[str]) -> CalibratedState:
@@ -122,6 +129,7 @@ def update(
         InputError: the cell has another robot, or touches were part of the earlier calibration.
         UnsupportedDataError: too few touches, or the fit diverges.
     """
+    same_arm(record, cell, freed, record.source, 'the cell description')
     record = record.in_cell(cell)
     state = prior_state(record, cell, freed)
     c = _fit(detection, record, cell, state, freed)
@@ -232,7 +240,7 @@ def _checked(
         place = NAMES.index(name)
         if name not in freed:
             std = float(information.ratio([place]).std[0] * state.scale[place])
-            unseen[name] = _SHOWN * std if np.isfinite(std) else np.inf
+            unseen[name] = SLIP_SHOWN * std if np.isfinite(std) else np.inf
     return verify(detection, fitted, c.cell, recordings, state=state), unseen
 
 
@@ -258,7 +266,7 @@ def _earlier(
     """Which calibration was brought up to date, and whether the touches contradict it."""
     return Earlier(
         record.source,
-        recording_checksum(record.source),
+        recording_checksum(record.source) if Path(record.source).is_file() else '',
         tuple(freed),
         checked.p_value,
         record.arm.grade,
@@ -297,9 +305,6 @@ def update_files(
     if record.arm.grade == 'unfit':
         raise InputError(earlier, 'is unfit for use: its values are no prior', 'calibrate from nothing')
     cell, names = load_cell(cell_file) if cell_file else record.arm.cell, freed_names(freed, record)
-    before = record.arm.cell.nominal.as_dict()
-    same = cell.nominal.replace(**{name: before[name] for name in names if name in before})  # but for the new part
-    check_same_arm(record.arm.cell, replace(cell, nominal=same), str(earlier), str(cell_file or earlier))
     if not cell_file:
         for path in paths:
             if not is_touch_table(path):

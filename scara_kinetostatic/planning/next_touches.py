@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.evidence import Discrimination, Evidence
+from scara_kinetostatic.assessment.grade import SLIP_SHOWN, Limits
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.observations import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
@@ -42,6 +43,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import title_of
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
+from scara_kinetostatic.gaussian.linear_model import orthonormal
 from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.extended_model import TouchMetadata
@@ -145,6 +147,7 @@ class PlannedTouches(NamedTuple):
         order: stop of `ways` of each.
         left_out: what cannot be touched, a sentence for each disc.
         uncertainty: of the tip.
+        chosen: places of the touches among the candidates.
     """
 
     plan: Plan
@@ -154,6 +157,7 @@ class PlannedTouches(NamedTuple):
     order: list[int]
     left_out: list[str]
     uncertainty: TipForecast
+    chosen: list[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +175,8 @@ class Planner:
         choice: the part of `now` that the choice between these contributes, m.
         sizes: of the undetected effects by label, in their typical size, as the mixed model has them.
         limit: the largest part of `now`, in words.
+        freed: names of the values of the model that may have changed since the touches were made; None where the
+            touches to come are no update of the calibration.
     """
 
     arm: CalibratedArm
@@ -183,6 +189,7 @@ class Planner:
     limit: str = 'not known'
     rivals: Rivals | None = None
     choice: float = 0.0
+    freed: tuple[str, ...] | None = None
 
     @classmethod
     def of_outcome(cls, outcome: Outcome, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
@@ -293,8 +300,9 @@ class Planner:
 
     @property
     def _off(self) -> float:
-        """Three standard deviations of tip and discs, m."""
-        return np.inf if self.now is None else 3 * (self.now / COVERAGE_FACTOR + self.arm.cell.surface_std)
+        """Three standard deviations of tip and discs, m; infinite where a part may have changed."""
+        known = np.inf if self.now is None or self.freed else self.now
+        return 3 * (known / COVERAGE_FACTOR + self.arm.cell.surface_std)
 
     @property
     def doubt(self) -> float:
@@ -377,12 +385,12 @@ class Planner:
         return every.select(~excluded), texts
 
     @cached_property
-    def _information_made(self) -> Floats:
-        """Information of the touches that were made."""
+    def _rows_made(self) -> Floats:
+        """Whitened derivatives of the touches that were made by all values, (2n, v)."""
         t, arm, cell = self.touches, self.arm, self.arm.cell
         size = len(self.robot.all_scales)
         if t is None or not len(t):
-            return np.zeros((size, size))
+            return np.zeros((0, size))
         metadata = TouchMetadata.of(t, cell.sensor.frame)
         force = force_on_object(arm, t.force, t.joints, metadata)
         tips = direct_kinetostatics(arm.model.parameters, t.joints, force, cell.gripper_sign)[0]
@@ -390,7 +398,18 @@ class Planner:
         at = plan.contact(cell)
         pressed, _ = inverse_kinetostatics(arm.model.parameters, at, force, t.posture, cell.gripper_sign)
         there = np.asarray(np.isfinite(pressed).all(axis=1))
-        rows = scaled_rows(self.robot, plan.select(there), metadata.select(there)).reshape(-1, size)
+        return scaled_rows(self.robot, plan.select(there), metadata.select(there)).reshape(-1, size)
+
+    @cached_property
+    def _information_made(self) -> Floats:
+        """Information of the touches that were made; those of what is freed had another value of it."""
+        rows = self._rows_made.copy()
+        if self.freed:
+            names = self.robot.model.names
+            places = [names.index(name) for name in self.freed]
+            changed = orthonormal(rows[:, places])
+            rows -= changed @ (changed.T @ rows)
+            rows[:, places] = 0.0
         return np.asarray(rows.T @ rows)
 
     @cached_property
@@ -407,6 +426,31 @@ class Planner:
             UnsupportedDataError: no touch can be reached.
         """
         return self._arranged(choose(self.candidates, number))
+
+    def fewest(self, most: int = USUAL_NUMBER) -> PlannedTouches:
+        """The fewest touches, `most` at most, after which the tip is as well known as before but for a tenth, or to the
+        tolerance, and a zero that is not freed shows a slip of `Limits.unseen_slip`.
+
+        Raises:
+            UnsupportedDataError: no touch can be reached.
+        """
+        enough = max(1.1 * (self.now or 0.0), self.arm.cell.tolerance or 0.0)
+        for number in range(2, most + 1):
+            chosen = choose(self.candidates, number)
+            slips = self.smallest_slips(chosen).values()
+            if self._uncertainty(chosen).planned <= enough and all(slip <= Limits.unseen_slip for slip in slips):
+                break
+        return self._arranged(chosen)
+
+    def smallest_slips(self, chosen: list[int]) -> dict[str, float]:
+        """The slips of the zeros that are not freed which chosen touches will show, rad (`SLIP_SHOWN`)."""
+        prior = self.candidates.prior
+        made, names = self.candidates.information_of(chosen) - prior, self.robot.model.names
+        since = made - made @ np.linalg.solve(prior + made, made)
+        zeros = [name for name in ('theta1', 'theta2') if name not in (self.freed or ())]
+        places = [names.index(name) for name in zeros]
+        std = self.robot.all_scales[places] / np.sqrt(np.maximum(np.diag(since)[places], 1e-30))
+        return dict(zip(zeros, (SLIP_SHOWN * std).tolist(), strict=True))
 
     @cached_property
     def _rows(self) -> Floats:
@@ -444,7 +488,7 @@ class Planner:
         ways = self.roadmap.ways(own)
         order = short_order(ways.lengths)
         at, texts, found = np.array(order), [reasons[k] for k in order], self._uncertainty(chosen)
-        return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found)
+        return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, self._candidates[1], found, chosen)
 
     def _uncertainty(self, chosen: list[int]) -> TipForecast:
         """Of the tip by the arm's own model, without what is undecided."""
@@ -458,7 +502,8 @@ class Planner:
         together = candidates.information_of(chosen)
         least = covariance(together + MOST_TOUCHES * candidates.information.mean(axis=0))
         own = least[:count, :count]
-        before, after = (self._largest(covariance(made)[:count, :count]) for made in (candidates.prior, together))
+        known = candidates.prior - self._information_made + self._rows_made.T @ self._rows_made
+        before, after = (self._largest(covariance(made)[:count, :count]) for made in (known, together))
         ratio, undetected = 1.0, 0.0
         if self.now is not None and np.isfinite(self.now):
             apart = self.undetected**2 + self.choice**2
@@ -473,7 +518,7 @@ class Planner:
             many = float(np.hypot(alone, left))
             if left > alone:
                 limit, share = 'the choice between possible causes', (left / many) ** 2
-        return TipForecast(self.now, planned, many, limit, share, undetected)
+        return TipForecast(np.inf if self.freed else self.now, planned, many, limit, share, undetected)
 
     def _reasons(self, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""

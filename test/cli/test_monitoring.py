@@ -50,7 +50,7 @@ def test_verify_a_recording_of_another_robot_or_cell(run, recordings, results):
     cells = {'robot': text.replace('l1: 0.33', 'l1: 0.36'), 'object': moved, 'tolerance': text + TOLERANCE}
     for name, changed in cells.items():
         Path('cell.yaml').write_text(changed)
-        assert run('simulate', '--cell', 'cell.yaml', '--out', name, '--per-disc', 6, *SLOW).status == 0
+        assert run('simulate', '--cell', 'cell.yaml', '--out', name, '--per-disc', 6, '--seed', 5, *SLOW).status == 0
     refused(run('verify', 'robot', '--calibration', calibration), 2, 'another robot')
     done = run('verify', 'object', '--calibration', calibration)
     assert done.status == 0 and 'contains another cell description (disc_3)' in done.out
@@ -97,3 +97,38 @@ def test_misuse(run, results):
     assert 'two or more' in run('compare', good).err
     assert 'given twice' in run('compare', good, good).err
     assert run('verify', 'none.mcap', '--calibration', good).status == 2
+
+
+def test_calibrate_from_an_earlier_calibration(run, recordings, results):
+    calibration = results / 'a' / 'calibration.json'
+    done = run('calibrate', recordings / 'plain', '--from', calibration, '--free', 'tool', '--out', 'new')
+    assert done.status == 0 and 'freed: theta2, l2, p_ee, g_ee; the touches agree' in ' '.join(done.out.split())
+    document = json.loads(Path('new/calibration.json').read_text())
+    assert document['from']['path'] == str(calibration) and len(document['from']['sha256']) == 64
+    assert document['assessment']['grade'] != 'unfit'
+    old = json.loads(calibration.read_text())['parameters']
+    for name, entry in document['parameters'].items():
+        assert abs(entry['value'] - old[name]['value']) < 5 * (entry['std'] + old[name]['std']), name
+    again = run('verify', recordings / 'plain', '--calibration', 'new/calibration.json')
+    assert 'part of the calibration' in again.out
+    refused(run('calibrate', recordings / 'good', '--from', calibration), 2, 'part of the earlier calibration')
+    refused(run('calibrate', recordings / 'plain', '--from', calibration, '--free', 'tol'), 2, "did you mean 'tool'")
+    refused(run('calibrate', recordings / 'plain', '--free', 'tool'), 2, '--from')
+    refused(run('calibrate', recordings / 'plain', '--from', calibration, '--fix', 'l1'), 2, '--fix')
+    refused(run('calibrate', recordings / 'plain', '--from', 'none.json'), 2, 'there is no such file')
+    document['assessment']['grade'] = 'unfit'
+    Path('unfit.json').write_text(json.dumps(document))
+    refused(run('calibrate', recordings / 'plain', '--from', 'unfit.json'), 2, 'no prior')
+
+
+def test_next_plans_the_fewest_touches_of_an_update(run, recordings, results):
+    calibration, cell = results / 'a' / 'calibration.json', Path('cell.yaml')
+    limits = '  limits: {joint1: [-3.1, 3.1], joint2: [-2.8, 2.8]}\n'
+    cell.write_text((recordings / 'cell.yaml').read_text().replace('objects:', limits + 'objects:'))
+    done = run('next', '--cell', cell, '--from', calibration, '--free', 'tool', '--out', 'plan')
+    assert done.status == 0 and 'now not determined' in done.out and 'a slip of joint 1 by' in done.out
+    number = int(done.out.split(' touches')[0])
+    assert 4 <= number <= 12 and len(Path('plan/next.csv').read_text().splitlines()) == number + 1
+    nothing = run('next', '--cell', cell, '--from', calibration, '--out', 'plan')
+    assert int(nothing.out.split(' touches')[0]) < number and 'a slip of joint 2 by' in nothing.out
+    refused(run('next', '--cell', cell, '--from', calibration, '--free', 'tol', '--out', 'x'), 2, "did you mean 'tool'")
