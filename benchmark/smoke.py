@@ -56,6 +56,7 @@ ARGUMENTS = {
     'runner': '--cells 1 --touches 4',
     'runner_faults': '--only silent_wrench:approach',
     'statistics': '--runs 10',
+    'update': '--robots 1 --kind tool --jobs 1',
     'uncertainty': '--count 1 --kind small',
 }
 """Of each benchmark, by its name."""

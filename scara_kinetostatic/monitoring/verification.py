@@ -29,6 +29,7 @@ from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recordings_of
+from scara_kinetostatic.planning.next_touches import FEWEST_VERIFIED
 from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
 LEVEL = 1e-3
@@ -147,7 +148,8 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     seen = ', '.join(v.seen) or f'{v.repeated} of {v.touches} touches'
     action = 'verify with touches made after the calibration'
     yield v.seen or v.repeated, Grade.CAUTION, f'part of the calibration: {seen}; that verifies nothing', action
-    yield v.touches < 6, Grade.CAUTION, f'{v.touches} touches say little', 'make 6 or more, all round'
+    action = f'make {FEWEST_VERIFIED} or more, all round'
+    yield v.touches < FEWEST_VERIFIED, Grade.CAUTION, f'{v.touches} touches say little', action
     tolerance, errors = v.tolerance or np.inf, micrometres(2 * v.expected)
     reason = f'these touches cannot show a tolerance of {micrometres(tolerance)} µm: twice the expected tip error'
     action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'

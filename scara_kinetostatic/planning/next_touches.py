@@ -71,6 +71,8 @@ UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
 gain hardly more than even ones; from a hundredth to a tenth as many effects are found.
 """
+FEWEST_VERIFIED = 6
+"""Touches of which a verification says that fewer say little."""
 USUAL_NUMBER = 12
 """Touches that are planned unless told."""
 _SLIPS = 0.2
@@ -429,16 +431,18 @@ class Planner:
 
     def fewest(self, most: int = USUAL_NUMBER) -> PlannedTouches:
         """The fewest touches, `most` at most, after which the tip is as well known as before but for a tenth, or to the
-        tolerance, and a zero that is not freed shows a slip of `Limits.unseen_slip`.
+        tolerance, that check each other and show a slip of `Limits.unseen_slip` of a zero that is not freed; where
+        nothing is freed no fewer than a verification needs.
 
         Raises:
             UnsupportedDataError: no touch can be reached.
         """
         enough = max(1.1 * (self.now or 0.0), self.arm.cell.tolerance or 0.0)
-        for number in range(2, most + 1):
+        for number in range(2 if self.freed else FEWEST_VERIFIED, most + 1):
             chosen = choose(self.candidates, number)
-            slips = self.smallest_slips(chosen).values()
-            if self._uncertainty(chosen).planned <= enough and all(slip <= Limits.unseen_slip for slip in slips):
+            shows = all(slip <= Limits.unseen_slip for slip in self.smallest_slips(chosen).values())
+            checks = self.candidates.leverages(chosen).max() <= Limits.leverage_caution
+            if shows and checks and self._uncertainty(chosen).planned <= enough:
                 break
         return self._arranged(chosen)
 
