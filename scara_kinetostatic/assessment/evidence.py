@@ -330,8 +330,8 @@ class Earlier(NamedTuple):
         p_value: of the touches agreeing with it.
         grade: of it.
         used: what its touches cover.
-        unseen: slip of the zero of a joint that the touches would not have shown, rad, by parameter; infinite where
-            they would show none, and without those that are freed.
+        detectable: the smallest slip of the zero of a joint that the touches would have shown, rad, by parameter
+            (`SLIP_SHOWN`); infinite where none, and without those that are freed.
         contradiction: what the touches say against it, one clause; empty where they agree.
         causes: what may have changed, as in `verification.json`.
     """
@@ -342,7 +342,7 @@ class Earlier(NamedTuple):
     p_value: float
     grade: str
     used: UsedRange
-    unseen: Mapping[str, float]
+    detectable: Mapping[str, float]
     contradiction: str = ''
     causes: Mapping[str, Any] = MappingProxyType({})
 

@@ -150,8 +150,8 @@ class Limits:
     """
     most_unusable: float = 1 / 3
     """Part of the touches found that are not used, for whatever reason, above which: caution. Source: convention."""
-    unseen_slip: float = 2e-4
-    """Slip of a joint's zero since the earlier calibration that the touches would not show, above which: caution, rad.
+    detectable_slip: float = 2e-4
+    """Smallest slip of a joint's zero since the earlier calibration that the touches show, above which: caution, rad.
     Source: it moves the tip of a SCARA of 0.6 m by 0.1 mm, several times what a calibration leaves uncertain.
     """
     model_error_unfit: float = 2.0
@@ -188,8 +188,7 @@ _STATE_TOLERANCE = 'state the accuracy that you need in the cell description, in
 _RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
 _ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
 SLIP_SHOWN = 4.6
-"""Standard deviations of a slip that shows: a chi-square of 24 touches has the p-value 1e-3 then, of four touches less.
-"""
+"""Standard deviations of a slip that shows: the mean chi-square of six touches has the p-value 1e-3 then."""
 GEOMETRY = 6
 """The first parameters are those of the unloaded arm."""
 
@@ -241,7 +240,7 @@ def updated(evidence: Evidence) -> Iterator[Remark]:
     if earlier.contradiction:
         action = 'find out what changed, and free it by --free, or calibrate again from nothing'
         yield unfit(f'the touches contradict the earlier calibration: {earlier.contradiction}', action)
-    hidden = {name: size for name, size in earlier.unseen.items() if size > Limits.unseen_slip}
+    hidden = {name: size for name, size in earlier.detectable.items() if size > Limits.detectable_slip}
     if hidden and not earlier.contradiction:
         sizes = [f'joint {name[-1]}{_below(size)}' for name, size in hidden.items()]
         reason = f'these touches would not show a slip since the earlier calibration of {" or ".join(sizes)}'

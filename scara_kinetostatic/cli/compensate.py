@@ -21,6 +21,10 @@ direction), and status, the last of these that applies:
   beyond_limits of the joints, where the cell description states them
 The exit status is 3 where no pose is within reach and limits.
 
+--command adds x_command_m, y_command_m, phi_command_rad: the pose, base frame, to
+give to a controller that computes with the nominal arm, so that its joints come to
+these angles; phi is the direction of link 2. The controller takes the same elbow.
+
 Example:
   scara-kinetostatic compensate result/calibration.json poses.csv --out commands.csv
 """
@@ -52,7 +56,10 @@ def files(table: str, meaning: str) -> tuple[Option, ...]:
     )
 
 
-ARGUMENTS = files('POSES.csv', 'wanted places of the tip and forces')
+ARGUMENTS = (
+    *files('POSES.csv', 'wanted places of the tip and forces'),
+    ('--command', '', bool, 'the pose to command as well, for a controller that takes no joint angles'),
+)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -68,6 +75,7 @@ def run(args: argparse.Namespace) -> None:
     from scara_kinetostatic.files.calibration_file import load_predictor
     from scara_kinetostatic.files.tables import POSES, load_pose_table
     from scara_kinetostatic.model.arm import STATUSES
+    from scara_kinetostatic.model.kinematics import pose
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = load_predictor(args.calibration)
@@ -85,6 +93,9 @@ def run(args: argparse.Namespace) -> None:
     cell = predictor.arm.cell
     (q1, q2), (c1, c2) = cell.readings(found.joints).T, cell.in_sense(found.torques).T + 0.0  # no -0.0
     results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
+    if args.command:
+        x, y, phi = pose(cell.nominal, found.joints).T
+        results |= {'x_command_m': x, 'y_command_m': y, 'phi_command_rad': phi}
     write(args.out, table, results | {'status': found.status}, predictor)
     if table.elbows is None:
         note(f'{table.source}: no column elbow; {usual} is taken for all rows')

@@ -197,6 +197,12 @@ def posture(parameters: Parameters, joints: ArrayLike) -> Indices:
     return np.where(np.sin(elbow) > 0, 1, -1)
 
 
+def pose(parameters: Parameters, joints: Floats) -> Floats:
+    """Place of the rigid tip, m, and direction of link 2, rad, in (-pi, pi], at joint angles (n, 2): (n, 3)."""
+    direction = wrap(joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
+    return np.concatenate([forward(parameters, joints), direction[:, None]], axis=1)
+
+
 def wrap(angles: ArrayLike) -> Floats:
     """Angles brought to (-pi, pi], rad."""
     angles = np.asarray(angles, dtype=float)

@@ -235,13 +235,13 @@ def _checked(
     state = state._replace(known=known, errors=state.errors + moved[values:])
     fitted = replace(record, arm=replace(record.arm, model=c.model, cell=c.cell))
     information = known.change(measure(detection.touches, fitted, state).information())
-    unseen = {}
+    detectable = {}
     for name in ('theta1', 'theta2'):
         place = NAMES.index(name)
         if name not in freed:
             std = float(information.ratio([place]).std[0] * state.scale[place])
-            unseen[name] = SLIP_SHOWN * std if np.isfinite(std) else np.inf
-    return verify(detection, fitted, c.cell, recordings, state=state), unseen
+            detectable[name] = SLIP_SHOWN * std if np.isfinite(std) else np.inf
+    return verify(detection, fitted, c.cell, recordings, state=state), detectable
 
 
 def _diagnosis(record: CalibrationRecord, c: Calibration, p_value: float) -> Diagnosis:
@@ -261,7 +261,7 @@ def _what_changed(causes: Causes) -> str:
 
 
 def _earlier(
-    record: CalibrationRecord, freed: Sequence[str], checked: Verification, unseen: Mapping[str, float]
+    record: CalibrationRecord, freed: Sequence[str], checked: Verification, detectable: Mapping[str, float]
 ) -> Earlier:
     """Which calibration was brought up to date, and whether the touches contradict it."""
     return Earlier(
@@ -271,7 +271,7 @@ def _earlier(
         checked.p_value,
         record.arm.grade,
         record.arm.used,
-        unseen,
+        detectable,
         _what_changed(checked.causes) if checked.others.p_value < LEVEL else '',
         causes_document(checked.causes),
     )

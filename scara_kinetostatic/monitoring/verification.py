@@ -24,6 +24,7 @@ from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.quantities import micrometres
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
@@ -130,6 +131,15 @@ def _size(v: Verification) -> str:
     return f'the error of the tip is {error} µm (rms), {expected} µm are expected'
 
 
+def _or_by_few(v: Verification) -> str:
+    """That a few touches are enough where parameters of the arm explain what has changed."""
+    best = v.causes.ranking[:1]
+    if not best or v.causes.is_open(LEVEL) or not set(best[0].values) <= set(NAMES):
+        return ''
+    freed = ' '.join(f'--free {name}' for name in best[0].values)
+    return f', or bring it up to date by a few touches: `calibrate --from {v.record.source} {freed}`'
+
+
 def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     """Whether each remark holds, with its grade, reason and action: contradictions, then why agreement says little."""
     contradicts = v.others.p_value < LEVEL
@@ -139,7 +149,8 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     reason = f'the touches contradict the calibration: {_size(v)}'
     reason += f'; {v.causes.title(LEVEL)}' if v.causes.ranking else ''
     action = 'check that robot, objects and sensor are those of the calibration, then ' * v.causes.is_open(LEVEL)
-    yield contradicts, Grade.UNFIT if beyond else Grade.CAUTION, reason, f'{action}calibrate again'
+    action += f'calibrate again{_or_by_few(v)}'
+    yield contradicts, Grade.UNFIT if beyond else Grade.CAUTION, reason, action
     reason = f'outliers: {len(v.outlying)} of {v.touches} touches'
     agree = f'; the others agree with the calibration (p = {v.others.p_value:.2g}): {_size(v)}'
     yield v.few_outlie, Grade.CAUTION, reason + agree * (not contradicts), 'look at the outliers'

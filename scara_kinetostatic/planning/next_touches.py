@@ -431,7 +431,7 @@ class Planner:
 
     def fewest(self, most: int = USUAL_NUMBER) -> PlannedTouches:
         """The fewest touches, `most` at most, after which the tip is as well known as before but for a tenth, or to the
-        tolerance, that check each other and show a slip of `Limits.unseen_slip` of a zero that is not freed; where
+        tolerance, that check each other and show a slip of `Limits.detectable_slip` of a zero that is not freed; where
         nothing is freed no fewer than a verification needs.
 
         Raises:
@@ -440,7 +440,7 @@ class Planner:
         enough = max(1.1 * (self.now or 0.0), self.arm.cell.tolerance or 0.0)
         for number in range(2 if self.freed else FEWEST_VERIFIED, most + 1):
             chosen = choose(self.candidates, number)
-            shows = all(slip <= Limits.unseen_slip for slip in self.smallest_slips(chosen).values())
+            shows = all(slip <= Limits.detectable_slip for slip in self.smallest_slips(chosen).values())
             checks = self.candidates.leverages(chosen).max() <= Limits.leverage_caution
             if shows and checks and self._uncertainty(chosen).planned <= enough:
                 break

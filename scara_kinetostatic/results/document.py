@@ -225,7 +225,8 @@ def _from(earlier: Earlier | None) -> Document:
     if earlier is None:
         return {}
     kept = ('path', 'sha256', 'freed', 'p_value', 'grade', 'contradiction')
-    return {'from': {**{key: getattr(earlier, key) for key in kept}, 'unseen_slip': earlier.unseen, **earlier.causes}}
+    stated = {key: getattr(earlier, key) for key in kept}
+    return {'from': {**stated, 'detectable_slip': earlier.detectable, **earlier.causes}}
 
 
 def _budget(outcome: Outcome) -> list[Document]:

@@ -43,6 +43,26 @@ def rows(path: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+def test_the_pose_to_command_brings_the_nominal_arm_to_the_compensated_angles(run, result):
+    Path('poses.csv').write_text(POSES)
+    assert run('compensate', result / 'calibration.json', 'poses.csv', '--out', 'c.csv', '--command').status == 0
+    p = load_calibration(result / 'calibration.json').cell.nominal
+    for row in rows('c.csv'):
+        if row['q1_rad'] == 'nan':
+            assert row['x_command_m'] == row['phi_command_rad'] == 'nan'
+            continue
+        x, y, phi = (float(row[f'{name}_command_{unit}']) for name, unit in (('x', 'm'), ('y', 'm'), ('phi', 'rad')))
+        # the controller's own inverse kinematics, by the law of cosines and the elbow of the row
+        x, y = x - p.x0, y - p.y0
+        bend = np.arccos((x * x + y * y - p.l1**2 - p.l2**2) / (2 * p.l1 * p.l2)) * (
+            1 if row['elbow'] == 'left' else -1
+        )
+        first = np.arctan2(y, x) - np.arctan2(p.l2 * np.sin(bend), p.l1 + p.l2 * np.cos(bend))
+        turns = [(first - p.theta1 - float(row['q1_rad'])), (bend - p.theta2 - float(row['q2_rad']))]
+        assert np.abs(np.sin(np.array(turns) / 2)).max() < 5e-10
+        assert abs(np.sin((first + bend - phi) / 2)) < 5e-10
+
+
 def test_there_and_back(run, result):
     Path('poses.csv').write_text(POSES)
     found = run('compensate', result / 'calibration.json', 'poses.csv', '--out', 'deep/commands.csv')

@@ -107,7 +107,7 @@ def test_touches_too_few_to_contradict_say_so(earlier: CalibrationRecord) -> Non
     assert 'joint 1' in said and 'joint 2' not in said  # the zero of joint 2 is freed with the tool
     assert not [text for text in many.assessment.reasons if 'would not show a slip' in text]
     assert few.earlier is not None and many.earlier is not None
-    assert few.earlier.unseen['theta1'] > 2e-4 > many.earlier.unseen['theta1']
+    assert few.earlier.detectable['theta1'] > 2e-4 > many.earlier.detectable['theta1']
 
 
 def test_what_is_said(earlier: CalibrationRecord) -> None:
