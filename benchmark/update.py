@@ -3,7 +3,7 @@
     python -m benchmark.update [--robots N] [--first N] [--kind KIND ...] [--touches N] [--jobs N] [--json FILE]
 
 Each robot is calibrated by 60 touches, then a part is changed: the tool (l2 by 1 mm, theta2 by 3 mrad, p_ee and g_ee),
-the zero of joint 1, or both zeros (by 3 mrad); or a joint slips by 200 µrad, with nothing freed or beside a new tool.
+the zero of joint 1, both zeros (by 3 mrad), or nothing; or a joint slips by 200 µrad, with nothing freed or beside a new tool.
 Touches of the changed robot are planned and simulated, and the earlier calibration is brought up to date.
 
 Beside each other: the expanded uncertainty of the tip after the update, by the 60 touches before, and by 60 of the
@@ -33,7 +33,14 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World
 from scara_kinetostatic.touches.detection import Detection
 
-FREED = {'tool': ['tool'], 'homed': ['theta1'], 'zeros': ['zeros'], 'slip': [], 'slip beside tool': ['tool']}
+FREED = {
+    'nothing': [],
+    'tool': ['tool'],
+    'homed': ['theta1'],
+    'zeros': ['zeros'],
+    'slip': [],
+    'slip beside tool': ['tool'],
+}
 """What is freed, by kind."""
 SPREAD = dict(zip(NAMES, (2e-4, 2e-4, 1e-3, 2e-4, 1e-3, 2e-4, 2e-6, 2e-6, 2e-6, 1e-5, 3e-5, 3e-5), strict=True))
 """Standard deviations of the robots about the nominal values; backlashes are not negative."""
@@ -91,6 +98,7 @@ def run(task: Task) -> dict[str, Any]:
         'touches': len(plan),
         'grade': found.assessment.grade.value,
         'contradicted': bool(found.earlier.contradiction),
+        'possible': slipped and slipped in ((causes['part'] or {}).get('name'), *causes['rivals']),
         'named': slipped and (causes['part'] or {}).get('name') == slipped,
         'tip': found.tip_uncertainty.worst,
         'over the earlier': found.tip_uncertainty.worst / first.tip_uncertainty.worst,
@@ -120,7 +128,8 @@ def main() -> int:
             f'  grades {dict(Counter(row["grade"] for row in own))}, contradicted {sum(r["contradicted"] for r in own)}'
         )
         if 'slip' in kind:
-            print(f'  named {sum(row["named"] for row in own)}')
+            named, possible = (sum(map(bool, (row[key] for row in own))) for key in ('named', 'possible'))
+            print(f'  named as the likeliest {named}, among the likely {possible}')
             continue
         for key in ('tip', 'over the earlier', 'over 60 from nothing', 'stated over actual', 'rms z', 'largest z'):
             values = [abs(row[key]) for row in own]

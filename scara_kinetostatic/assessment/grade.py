@@ -187,8 +187,8 @@ class Limits:
 _STATE_TOLERANCE = 'state the accuracy that you need in the cell description, in m, as `tolerance: {tip: 5.0e-5}`'
 _RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
 _ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
-SLIP_SHOWN = 4.6
-"""Standard deviations of a slip that shows: the mean chi-square of six touches has the p-value 1e-3 then."""
+SLIP_SHOWN = 5.8
+"""Standard deviations of a slip that shows in 95 of 100 cases: p = 1e-3 among 25 possible changes is at 4.1."""
 GEOMETRY = 6
 """The first parameters are those of the unloaded arm."""
 

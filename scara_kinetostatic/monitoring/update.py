@@ -6,7 +6,8 @@ value, with the declared standard uncertainty or the plausible range, independen
 fitted as any others, with these rows beside theirs.
 
 Touches that contradict the prior are not averaged with it unsaid: at the fit, touches and prior together leave a
-chi-square of two degrees of freedom per touch, and what may have changed besides is ranked as for two calibrations.
+chi-square of two degrees of freedom per touch, and what may have changed besides is ranked as for two calibrations. A
+single change is tested by itself, too: one direction hides among the degrees of freedom of many touches.
 
 What undetected effects of objects and sensor have done to the earlier values they do to the new touches alike, so that
 it is no part of the prior, and stays in the covariance of the result.
@@ -18,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -44,12 +45,13 @@ from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.gaussian.information import Gaussian
+from scara_kinetostatic.gaussian.p_values import p_values
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import LATER
-from scara_kinetostatic.monitoring.change import CalibratedState, Causes, measure
+from scara_kinetostatic.monitoring.change import CalibratedState, Causes, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.monitoring.report import causes_document
 from scara_kinetostatic.monitoring.verification import LEVEL, Verification, verify
@@ -134,9 +136,9 @@ def update(
     state = prior_state(record, cell, freed)
     c = _fit(detection, record, cell, state, freed)
     recordings = recordings_of(detection, sources)
-    checked, _ = checks = _checked(detection, record, state, c, freed, recordings)
-    if checked.repeated or checked.seen:
-        seen = ', '.join(checked.seen) or f'{checked.repeated} of {checked.touches} touches'
+    checked = _checked(detection, record, state, c, freed, recordings)
+    if (verified := checked.verified).repeated or verified.seen:
+        seen = ', '.join(verified.seen) or f'{verified.repeated} of {verified.touches} touches'
         problem = f'{seen}: part of the earlier calibration'
         raise InputError(record.source, problem, 'give touches made since')
     held_out = held_out_force_error(c)
@@ -154,7 +156,7 @@ def update(
         sequence_known=detection.sequence_known,
         sources=tuple(map(str, sources)),
         recordings=recordings,
-        earlier=_earlier(record, freed, *checks),
+        earlier=_earlier(record, freed, checked),
     )
 
 
@@ -214,6 +216,22 @@ def _stays(record: CalibrationRecord) -> list[Contribution]:
     return [Contribution(name, None, '', part) for name, part in (*parts.items(), (label, rest))]
 
 
+class _Checked(NamedTuple):
+    """The touches held against the prior.
+
+    Attributes:
+        verified: as `verify` does it, at the fit.
+        p_value: of all touches but outlying ones, or of a single change if that is less.
+        causes: what may have changed; empty where nothing contradicts.
+        detectable: as that of `Earlier`.
+    """
+
+    verified: Verification
+    p_value: float
+    causes: Causes
+    detectable: dict[str, float]
+
+
 def _checked(
     detection: Detection,
     record: CalibrationRecord,
@@ -221,10 +239,8 @@ def _checked(
     c: Calibration,
     freed: Sequence[str],
     recordings: Sequence[Recording],
-) -> tuple[Verification, dict[str, float]]:
-    """The touches, all of them, held against the prior, linearised at the fit; and by zero of a joint that is not freed
-    the slip that they would not have shown, rad.
-    """
+) -> _Checked:
+    """The touches, all of them, held against the prior, linearised at the fit."""
     declared, values = DeclaredErrors.of(c.cell), len(c.model.names)
     moved = np.zeros(len(state.names))
     moved[:values] = c.model.as_array() - record.arm.model.as_array()
@@ -234,14 +250,23 @@ def _checked(
     known = Gaussian(state.known.mean - moved / state.scale, state.known.covariance)
     state = state._replace(known=known, errors=state.errors + moved[values:])
     fitted = replace(record, arm=replace(record.arm, model=c.model, cell=c.cell))
-    information = known.change(measure(detection.touches, fitted, state).information())
+    verified = verify(detection, fitted, c.cell, recordings, state=state)
+    touches, noise = detection.touches, record.noise_freedoms
+    measured = measure(touches, fitted, state)
+    kept = measured.select(~np.isin(touches.index, [item.index for item in verified.outlying]))
+    evidence = known.change(kept.information())
+    ranking = ranked(hypotheses_of(state, np.unique(touches.disc).tolist()), evidence, state)
+    # one change in a direction of its own shows where all touches together are still as likely as others
+    single = min(float(p_values(item.statistic, len(item.places), noise)) for item in ranking) * len(ranking)
+    p_value = min(verified.others.p_value, single)
+    test = verified.others.chi_square, verified.others.freedoms, noise
     detectable = {}
     for name in ('theta1', 'theta2'):
         place = NAMES.index(name)
         if name not in freed:
-            std = float(information.ratio([place]).std[0] * state.scale[place])
+            std = float(evidence.ratio([place]).std[0] * state.scale[place])
             detectable[name] = SLIP_SHOWN * std if np.isfinite(std) else np.inf
-    return verify(detection, fitted, c.cell, recordings, state=state), detectable
+    return _Checked(verified, p_value, Causes.of(ranking, test) if p_value < LEVEL else Causes(), detectable)
 
 
 def _diagnosis(record: CalibrationRecord, c: Calibration, p_value: float) -> Diagnosis:
@@ -260,9 +285,7 @@ def _what_changed(causes: Causes) -> str:
     return causes.title(LEVEL) + others
 
 
-def _earlier(
-    record: CalibrationRecord, freed: Sequence[str], checked: Verification, detectable: Mapping[str, float]
-) -> Earlier:
+def _earlier(record: CalibrationRecord, freed: Sequence[str], checked: _Checked) -> Earlier:
     """Which calibration was brought up to date, and whether the touches contradict it."""
     return Earlier(
         record.source,
@@ -271,8 +294,8 @@ def _earlier(
         checked.p_value,
         record.arm.grade,
         record.arm.used,
-        detectable,
-        _what_changed(checked.causes) if checked.others.p_value < LEVEL else '',
+        checked.detectable,
+        _what_changed(checked.causes) if checked.causes.ranking else '',
         causes_document(checked.causes),
     )
 
