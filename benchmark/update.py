@@ -3,7 +3,8 @@
     python -m benchmark.update [--robots N] [--first N] [--kind KIND ...] [--touches N] [--jobs N] [--json FILE]
 
 Each robot is calibrated by 60 touches, then a part is changed: the tool (l2 by 1 mm, theta2 by 3 mrad, p_ee and g_ee),
-the zero of joint 1, both zeros (by 3 mrad), or nothing; or a joint slips by 200 µrad, with nothing freed or beside a new tool.
+the zero of joint 1, both zeros (by 3 mrad), or nothing; or a joint slips by 200 µrad, with nothing freed or beside a
+new tool.
 Touches of the changed robot are planned and simulated, and the earlier calibration is brought up to date.
 
 Beside each other: the expanded uncertainty of the tip after the update, by the 60 touches before, and by 60 of the

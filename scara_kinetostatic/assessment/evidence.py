@@ -43,6 +43,7 @@ from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.held_out import HeldOut
+from scara_kinetostatic.calibration.joint_covariance import UndetectedErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, tip_uncertainty
@@ -334,6 +335,9 @@ class Earlier(NamedTuple):
             (`SLIP_SHOWN`); infinite where none, and without those that are freed.
         contradiction: what the touches say against it, one clause; empty where they agree.
         causes: what may have changed, as in `verification.json`.
+        recordings: SHA-256 of the recordings that it, and those before it, were calculated from.
+        undetected: by how much undetected effects of objects and sensor had moved its estimates.
+        differing: recordings that contain another cell description, one sentence each.
     """
 
     path: str
@@ -345,6 +349,9 @@ class Earlier(NamedTuple):
     detectable: Mapping[str, float]
     contradiction: str = ''
     causes: Mapping[str, Any] = MappingProxyType({})
+    recordings: tuple[str, ...] = ()
+    undetected: UndetectedErrors = UndetectedErrors()
+    differing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -410,8 +417,8 @@ class Evidence:
     @cached_property
     @one_thread
     def assumed(self) -> Assumed | None:
-        """What was assumed of the places of objects; None where they are declared."""
-        return assumed_places(self.final)
+        """What was assumed of the places of objects; None where they are declared, and in an update."""
+        return None if self.earlier else assumed_places(self.final)
 
     @cached_property
     @one_thread

@@ -19,7 +19,14 @@ from scipy import special
 
 from scara_kinetostatic.assessment.evidence import NAMED, Decision, Evidence, Group, concentrations, likely, percent
 from scara_kinetostatic.calibration.noise import reading_noise
-from scara_kinetostatic.calibration.observations import ASSUMED_PLACES, RIVALS, UNDETECTED, VALUE, DeclaredErrors
+from scara_kinetostatic.calibration.observations import (
+    ASSUMED_PLACES,
+    EARLIER,
+    RIVALS,
+    UNDETECTED,
+    VALUE,
+    DeclaredErrors,
+)
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, LEAST_WITHIN, tip_covariance
@@ -150,6 +157,8 @@ class Limits:
     """
     most_unusable: float = 1 / 3
     """Part of the touches found that are not used, for whatever reason, above which: caution. Source: convention."""
+    fewest_verifying: int = 6
+    """Touches below which agreement with a calibration says little: caution. Source: convention."""
     detectable_slip: float = 2e-4
     """Smallest slip of a joint's zero since the earlier calibration that the touches show, above which: caution, rad.
     Source: it moves the tip of a SCARA of 0.6 m by 0.1 mm, several times what a calibration leaves uncertain.
@@ -245,6 +254,14 @@ def updated(evidence: Evidence) -> Iterator[Remark]:
         sizes = [f'joint {name[-1]}{_below(size)}' for name, size in hidden.items()]
         reason = f'these touches would not show a slip since the earlier calibration of {" or ".join(sizes)}'
         yield caution(reason, 'make more touches, or touches farther apart')
+    few = int(evidence.final.used.sum())
+    if few < Limits.fewest_verifying and not earlier.freed:
+        yield caution(f'{few} touches say little', f'make {Limits.fewest_verifying} or more, all round')
+    if bad := len(evidence.final.used) - few:
+        reason = f'{bad} of {few + bad} touches disagree with the others and are not used'
+        yield caution(reason, 'find the reason in the list of rejected touches')
+    for sentence in earlier.differing:
+        yield caution(sentence, 'give the cell of the recording by --cell')
     if earlier.grade != Grade.FIT.value:
         yield caution(f'the earlier calibration was graded {earlier.grade}', 'follow the advice in its report')
 
@@ -630,6 +647,8 @@ def advice(evidence: Evidence) -> str:
     if largest.kind == VALUE:
         label, _, name = largest.target.rpartition('.')
         return f'record {d.effects_by_label()[label].identified_by}: the choice of {name} dominates'
+    if largest.label == EARLIER:
+        return 'calibrate from nothing by more touches: what the earlier calibration left open dominates'
     if largest.label == ASSUMED_PLACES:
         return (
             'measure the places of the objects and declare how well they are known: what is assumed of them dominates'

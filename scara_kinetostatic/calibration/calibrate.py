@@ -93,6 +93,9 @@ def calibrate(
     if len(touches) < needed:
         problem = f'{len(touches)} touches give {2 * len(touches)} equations, too few for {len(free)} parameters'
         remedy = f'record {needed} touches at the very least, 36 or more for a good result'
+        if known is not None:
+            problem = f'{len(touches)} touches are too few to bring a calibration up to date'
+            remedy = f'make {needed} at the very least'
         if left_out:
             problem += f'; {len(left_out)} were left out, the first: {left_out[0].reason}'
             remedy = f'check the units and the order of joint angles and forces, or {remedy}'

@@ -42,6 +42,12 @@ class UndetectedErrors(NamedTuple):
         texts, of_robot = zip(*((column.text, column.moves_robot) for column in c.random.columns), strict=True)
         return cls(names, texts, of_robot, c.random.size, moved)
 
+    def of_cell(self) -> UndetectedErrors:
+        """Those of objects and sensor alone."""
+        own = np.equal(self.of_robot, False)
+        columns = tuple(column for column, is_own in zip(self.columns, own, strict=True) if is_own)
+        return UndetectedErrors(self.rows, columns, (False,) * len(columns), self.size[own], self.matrix[:, own])
+
     def at(self, names: Sequence[str]) -> Floats:
         """The rows of some values, zero for those that it lacks, (n, u)."""
         place = {name: k for k, name in reversed(list(enumerate(self.rows)))}  # an effect before an error of its name

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented, base_force, force_error, project
-from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.observations import JointPrior, Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import LinearProblem, pose_problem
@@ -168,7 +168,13 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     n = int(c.used.sum())
     observations = c.observe(c.used)
     point = project(observations, c.model, final.noise)
-    base = orthonormal(augmented(point, (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)))[: 2 * n]
+    if isinstance(c.known, JointPrior):
+        basis = c.subspace.with_errors(c.known.errors)
+        rows = [(point.whitened.jacobian @ basis).reshape(2 * n, -1), c.known.rows(len(c.model.names)) @ basis]
+        base = orthonormal(np.concatenate(rows))[: 2 * n]
+    else:
+        changes = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
+        base = orthonormal(augmented(point, changes))[: 2 * n]
     chi_square = c.chi_square if c is final else float(point.distance.sum()) + c.prior_cost
     freedoms = c.degrees_of_freedom if c is final else 2 * n + c.trusted - c.subspace.basis.shape[1]
     across_circle = whitened_normal(observations, point)

@@ -182,8 +182,9 @@ class CalibrationRecord:
 
     @property
     def checksums(self) -> frozenset[str]:
-        """SHA-256 of its recordings."""
-        return frozenset(str(item['sha256']) for item in self._recordings if item.get('sha256'))
+        """SHA-256 of its recordings, and of those of the calibrations that it brought up to date."""
+        own = [str(item['sha256']) for item in self._recordings if item.get('sha256')]
+        return frozenset([*own, *self.document.get('from', {}).get('recordings', ())])
 
     @property
     def paths(self) -> frozenset[str]:
@@ -240,6 +241,11 @@ class CalibrationRecord:
         gain, rotation = self.arm.sensor
         reported = reported_force(self.arm.model, force, TouchMetadata.of(touches, frame))
         return touches.replace(force=(1 + gain) * rotate(reported, rotation))
+
+    @cached_property
+    def joints(self) -> Floats:
+        """Joint angles of its used touches, (n, 2), rad."""
+        return np.array([row['joints'] for row in self.document['touches']['fitted'] if row['used']])
 
     @cached_property
     def forces(self) -> Floats:

@@ -24,8 +24,9 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from scara_kinetostatic.assessment.evidence import Earlier, likely
-from scara_kinetostatic.assessment.grade import SLIP_SHOWN
+from scara_kinetostatic.assessment.grade import SLIP_SHOWN, Limits
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
+from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.held_out import held_out_force_error
@@ -40,7 +41,7 @@ from scara_kinetostatic.calibration.observations import (
 from scara_kinetostatic.calibration.result import Calibration, Contribution
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Value
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean
 from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.tables import is_touch_table
@@ -51,10 +52,10 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import LATER
-from scara_kinetostatic.monitoring.change import CalibratedState, Causes, hypotheses_of, measure, ranked
+from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.monitoring.report import causes_document
-from scara_kinetostatic.monitoring.verification import LEVEL, Verification, verify
+from scara_kinetostatic.monitoring.verification import LEVEL, count_repeated
 from scara_kinetostatic.pipeline import Progress, detect, parse_left_out, recordings_of, unreported
 from scara_kinetostatic.touches.detection import Detection
 
@@ -73,7 +74,8 @@ def freed_names(texts: Sequence[str], record: CalibrationRecord, where: str = '-
         ParameterError: one is none of the calibration.
     """
     own = [name for name in record.arm.model.names if not name.startswith(UNDETECTED)]
-    named = set(chain.from_iterable(GROUPS.get(text, (text,)) for text in texts))
+    of_effects = {label: [name for name in own if name.startswith(f'{label}.')] for label in record.arm.model.values}
+    named = set(chain.from_iterable(GROUPS.get(text) or of_effects.get(text) or (text,) for text in texts))
     for name in sorted(named - set(own)):
         remedy = did_you_mean(name, (*GROUPS, *own))
         raise ParameterError(f'{where} {name}', 'expected tool, zeros, base or the name of a parameter', remedy)
@@ -117,6 +119,7 @@ def update(
     cell: Cell,
     freed: Sequence[str] = (),
     sources: Sequence[str | Path] = (),
+    differing: Sequence[str] = (),
 ) -> Outcome:
     """Bring a calibration up to date by touches.
 
@@ -126,21 +129,26 @@ def update(
         cell: in which the touches were made; the nominal values of what is freed are those of the new part.
         freed: names of values of the model that may have changed.
         sources: the files that the touches come from.
+        differing: which of these contain another cell description, one sentence each.
 
     Raises:
-        InputError: the cell has another robot, or touches were part of the earlier calibration.
-        UnsupportedDataError: too few touches, or the fit diverges.
+        InputError: the cell has another robot, or the touches were part of the earlier calibration.
+        UnsupportedDataError: too few touches, a fit that does not converge, or a part freed under gravity.
     """
     same_arm(record, cell, freed, record.source, 'the cell description')
+    if freed and cell.nominal.has_gravity:
+        problem = 'under gravity a few touches do not tell on which flank of its backlash a freed joint rests'
+        raise UnsupportedDataError(f'--free: {problem}', 'calibrate from nothing')
+    recordings = recordings_of(detection, sources)
+    if seen := _seen(detection, record, recordings):
+        raise InputError(record.source, f'{seen}: part of the earlier calibration', 'give touches made since')
     record = record.in_cell(cell)
     state = prior_state(record, cell, freed)
     c = _fit(detection, record, cell, state, freed)
-    recordings = recordings_of(detection, sources)
-    checked = _checked(detection, record, state, c, freed, recordings)
-    if (verified := checked.verified).repeated or verified.seen:
-        seen = ', '.join(verified.seen) or f'{verified.repeated} of {verified.touches} touches'
-        problem = f'{seen}: part of the earlier calibration'
-        raise InputError(record.source, problem, 'give touches made since')
+    checked = _checked(record, state, c, freed)
+    if not c.is_result:
+        problem = f'the touches do not fit with the earlier calibration: {_what_changed(checked.causes)}'
+        raise UnsupportedDataError(problem, 'free what changed by --free, or calibrate from nothing')
     held_out = held_out_force_error(c)
     before_fit = [item for item in c.rejected if item.index not in c.touches.index]
     rejected = {item.index: item for item in (*detection.rejected, *before_fit, *c.rejected)}
@@ -156,8 +164,15 @@ def update(
         sequence_known=detection.sequence_known,
         sources=tuple(map(str, sources)),
         recordings=recordings,
-        earlier=_earlier(record, freed, checked),
+        earlier=_earlier(record, freed, checked, differing),
     )
+
+
+def _seen(detection: Detection, record: CalibrationRecord, recordings: Sequence[Recording]) -> str:
+    """Which recordings, or how many touches, the earlier calibration is made of, or one before it; empty for none."""
+    paths = [item.path for item in recordings if item.sha256 in record.checksums]
+    repeated = count_repeated(detection.touches, record)
+    return ', '.join(paths) or (f'{repeated} touches' if 2 * repeated > len(detection.touches) else '')
 
 
 def _fit(
@@ -220,27 +235,18 @@ class _Checked(NamedTuple):
     """The touches held against the prior.
 
     Attributes:
-        verified: as `verify` does it, at the fit.
-        p_value: of all touches but outlying ones, or of a single change if that is less.
+        p_value: of all touches but the few that the fit rejects, or of a single change if that is less.
         causes: what may have changed; empty where nothing contradicts.
         detectable: as that of `Earlier`.
     """
 
-    verified: Verification
     p_value: float
     causes: Causes
     detectable: dict[str, float]
 
 
-def _checked(
-    detection: Detection,
-    record: CalibrationRecord,
-    state: CalibratedState,
-    c: Calibration,
-    freed: Sequence[str],
-    recordings: Sequence[Recording],
-) -> _Checked:
-    """The touches, all of them, held against the prior, linearised at the fit."""
+def _checked(record: CalibrationRecord, state: CalibratedState, c: Calibration, freed: Sequence[str]) -> _Checked:
+    """The touches of a fit held against the prior, linearised there."""
     declared, values = DeclaredErrors.of(c.cell), len(c.model.names)
     moved = np.zeros(len(state.names))
     moved[:values] = c.model.as_array() - record.arm.model.as_array()
@@ -248,25 +254,24 @@ def _checked(
         at = np.array([state.names[values:].index(name) for name in declared.names])
         moved[values + at] = declared.units * c.errors - state.errors[at]
     known = Gaussian(state.known.mean - moved / state.scale, state.known.covariance)
-    state = state._replace(known=known, errors=state.errors + moved[values:])
+    state = state._replace(known=known, errors=state.errors + moved[values:], model=c.model.as_array())
     fitted = replace(record, arm=replace(record.arm, model=c.model, cell=c.cell))
-    verified = verify(detection, fitted, c.cell, recordings, state=state)
-    touches, noise = detection.touches, record.noise_freedoms
+    few = (~c.used).sum() <= max(1, Limits.most_rejected * len(c.used))  # more are no outliers
+    touches, noise = c.touches.select(c.used) if few else c.touches, record.noise_freedoms
     measured = measure(touches, fitted, state)
-    kept = measured.select(~np.isin(touches.index, [item.index for item in verified.outlying]))
-    evidence = known.change(kept.information())
+    test, evidence = PredictionTest.of(measured, known, noise), known.change(measured.information())
     ranking = ranked(hypotheses_of(state, np.unique(touches.disc).tolist()), evidence, state)
     # one change in a direction of its own shows where all touches together are still as likely as others
     single = min(float(p_values(item.statistic, len(item.places), noise)) for item in ranking) * len(ranking)
-    p_value = min(verified.others.p_value, single)
-    test = verified.others.chi_square, verified.others.freedoms, noise
+    p_value = min(test.p_value, single)
+    causes = Causes.of(ranking, (test.chi_square, test.freedoms, noise))
     detectable = {}
     for name in ('theta1', 'theta2'):
         place = NAMES.index(name)
         if name not in freed:
             std = float(evidence.ratio([place]).std[0] * state.scale[place])
             detectable[name] = SLIP_SHOWN * std if np.isfinite(std) else np.inf
-    return _Checked(verified, p_value, Causes.of(ranking, test) if p_value < LEVEL else Causes(), detectable)
+    return _Checked(p_value, causes if p_value < LEVEL or not c.is_result else Causes(), detectable)
 
 
 def _diagnosis(record: CalibrationRecord, c: Calibration, p_value: float) -> Diagnosis:
@@ -285,18 +290,22 @@ def _what_changed(causes: Causes) -> str:
     return causes.title(LEVEL) + others
 
 
-def _earlier(record: CalibrationRecord, freed: Sequence[str], checked: _Checked) -> Earlier:
+def _earlier(record: CalibrationRecord, freed: Sequence[str], checked: _Checked, differing: Sequence[str]) -> Earlier:
     """Which calibration was brought up to date, and whether the touches contradict it."""
+    is_file = Path(record.source).is_file()
     return Earlier(
-        record.source,
-        recording_checksum(record.source) if Path(record.source).is_file() else '',
-        tuple(freed),
-        checked.p_value,
-        record.arm.grade,
-        record.arm.used,
-        checked.detectable,
-        _what_changed(checked.causes) if checked.causes.ranking else '',
-        causes_document(checked.causes),
+        path=record.source,
+        sha256=recording_checksum(record.source) if is_file else '',
+        freed=tuple(freed),
+        p_value=checked.p_value,
+        grade=record.arm.grade,
+        used=record.arm.used,
+        detectable=checked.detectable,
+        contradiction=_what_changed(checked.causes) if checked.causes.ranking else '',
+        causes=causes_document(checked.causes),
+        recordings=tuple(sorted(record.checksums)),
+        undetected=record.undetected.of_cell(),
+        differing=tuple(differing),
     )
 
 
@@ -328,10 +337,11 @@ def update_files(
     if record.arm.grade == 'unfit':
         raise InputError(earlier, 'is unfit for use: its values are no prior', 'calibrate from nothing')
     cell, names = load_cell(cell_file) if cell_file else record.arm.cell, freed_names(freed, record)
+    recordings, differing = [path for path in paths if not is_touch_table(path)], list[str]()
     if not cell_file:
-        for path in paths:
-            if not is_touch_table(path):
-                check_same_recorded(cell, path, str(earlier))
+        for path in recordings:
+            check_same_recorded(cell, path, str(earlier))
+        differing = other_descriptions(cell, recordings, 'the calibration', ('noise', 'tolerance'))
     detection, cell = detect(paths, cell, parse_left_out(left_out, '--leave-out'), progress)
     progress(f'fitting {len(detection.touches)} touches', 0.3)
-    return update(detection, record, cell, names, paths)
+    return update(detection, record, cell, names, paths, differing)

@@ -17,8 +17,6 @@ import numpy as np
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.bags.reader import other_descriptions
-from scara_kinetostatic.calibration.fit_point import base_force
-from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
@@ -30,7 +28,6 @@ from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.change import CalibratedState, Causes, PredictionTest, hypotheses_of, measure, ranked
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recordings_of
-from scara_kinetostatic.planning.next_touches import FEWEST_VERIFIED
 from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
 LEVEL = 1e-3
@@ -159,8 +156,8 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     seen = ', '.join(v.seen) or f'{v.repeated} of {v.touches} touches'
     action = 'verify with touches made after the calibration'
     yield v.seen or v.repeated, Grade.CAUTION, f'part of the calibration: {seen}; that verifies nothing', action
-    action = f'make {FEWEST_VERIFIED} or more, all round'
-    yield v.touches < FEWEST_VERIFIED, Grade.CAUTION, f'{v.touches} touches say little', action
+    action = f'make {Limits.fewest_verifying} or more, all round'
+    yield v.touches < Limits.fewest_verifying, Grade.CAUTION, f'{v.touches} touches say little', action
     tolerance, errors = v.tolerance or np.inf, micrometres(2 * v.expected)
     reason = f'these touches cannot show a tolerance of {micrometres(tolerance)} µm: twice the expected tip error'
     action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'
@@ -207,7 +204,6 @@ def verify(
     cell: Cell | None = None,
     recordings: Sequence[Recording] = (),
     differing: Sequence[str] = (),
-    state: CalibratedState | None = None,
 ) -> Verification:
     """Hold touches against a calibration.
 
@@ -217,7 +213,6 @@ def verify(
         cell: in which they were made; by default that of the calibration.
         recordings: where they come from.
         differing: which of these contain another cell description, one sentence each.
-        state: what may be off, at the values of the calibration; by default what the calibration itself says.
 
     Raises:
         UnsupportedDataError: there is no touch.
@@ -230,7 +225,7 @@ def verify(
     check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     record = record.in_cell(cell)
     touches, noise = detection.touches.replace(order=np.full(len(detection.touches), LATER)), record.noise_freedoms
-    state = state or CalibratedState.of(record, cell)
+    state = CalibratedState.of(record, cell)
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.known, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
@@ -261,7 +256,7 @@ def verify(
         causes=causes,
         untouched=tuple(disc.name for k, disc in enumerate(cell.discs) if k not in touches.disc),
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
-        repeated=_repeated(touches, record, state),
+        repeated=count_repeated(touches, record),
         largest_force=float(np.hypot(*touches.force.T).max()),
         numbers=touches.index,
         tip_errors=measured.tip_error,
@@ -270,13 +265,12 @@ def verify(
     )
 
 
-def _repeated(touches: TouchSet, record: CalibrationRecord, state: CalibratedState) -> int:
-    """How many touches are those of the calibration, their forces as reported or as it has corrected them."""
-    own, known, found = record.touches.joints, record.forces, np.zeros(len(touches), dtype=bool)
+def count_repeated(touches: TouchSet, record: CalibrationRecord) -> int:
+    """How many touches are those of the calibration, as it was told or as it has corrected their forces."""
+    own, known = record.joints, np.linalg.norm(record.forces, axis=1)
     alike = (np.abs(touches.joints[:, None] - own) < 1e-6).all(axis=2)  # rad, by rounding in a table
-    for errors in (state.errors, 0.0 * state.errors):
-        force = base_force(observe(touches, state.cell, errors), record.arm.model)
-        off = np.linalg.norm(force[:, None] - known, axis=2)
-        # of the force, what undetected errors of the sensor correct in it: two touches never agree so well
-        found |= (alike & (off < 1e-3 * np.linalg.norm(known, axis=1))).any(axis=1)
-    return int(found.sum())
+    gain = 1 + record.arm.sensor.gain
+    size = np.linalg.norm(touches.force, axis=1)[:, None]
+    # of the force, what undetected errors of the sensor correct in it: two touches never agree so well
+    same = np.minimum(np.abs(size - known), np.abs(size / gain - known)) < 1e-3 * known
+    return int((alike & same).any(axis=1).sum())

@@ -71,8 +71,6 @@ UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
 gain hardly more than even ones; from a hundredth to a tenth as many effects are found.
 """
-FEWEST_VERIFIED = 6
-"""Touches of which a verification says that fewer say little."""
 USUAL_NUMBER = 12
 """Touches that are planned unless told."""
 _SLIPS = 0.2
@@ -438,7 +436,7 @@ class Planner:
             UnsupportedDataError: no touch can be reached.
         """
         enough = max(1.1 * (self.now or 0.0), self.arm.cell.tolerance or 0.0)
-        for number in range(2 if self.freed else FEWEST_VERIFIED, most + 1):
+        for number in range(2 if self.freed else Limits.fewest_verifying, most + 1):
             chosen = choose(self.candidates, number)
             shows = all(slip <= Limits.detectable_slip for slip in self.smallest_slips(chosen).values())
             checks = self.candidates.leverages(chosen).max() <= Limits.leverage_caution

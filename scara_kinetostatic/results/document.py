@@ -187,6 +187,12 @@ def as_document(outcome: Outcome) -> Document:
     """
     c, (names, values, matrix) = outcome.final, joint_covariance(outcome.final)
     undetected = {'undetected': UndetectedErrors.of(c)} if c.random is not None else {}
+    if outcome.earlier is not None and outcome.earlier.undetected.columns:  # it moved the declared errors as well
+        part = outcome.earlier.undetected
+        moved, size = part.at(names), len(c.covariance)
+        more = moved @ moved.T
+        matrix[size:], matrix[:size, size:] = matrix[size:] + more[size:], matrix[:size, size:] + more[:size, size:]
+        undetected = {'undetected': part._replace(rows=names, matrix=moved)}
     fit = {key: getattr(c, key) for key in ('chi_square', 'degrees_of_freedom', 'enlargement', 'iterations')}
     document: Document = plain(
         {
@@ -224,7 +230,7 @@ def _from(earlier: Earlier | None) -> Document:
     """The calibration that was the prior."""
     if earlier is None:
         return {}
-    kept = ('path', 'sha256', 'freed', 'p_value', 'grade', 'contradiction')
+    kept = ('path', 'sha256', 'freed', 'p_value', 'grade', 'contradiction', 'recordings')
     stated = {key: getattr(earlier, key) for key in kept}
     return {'from': {**stated, 'detectable_slip': earlier.detectable, **earlier.causes}}
 

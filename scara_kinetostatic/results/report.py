@@ -279,11 +279,18 @@ def answer(a: Assessment, tolerance: float | None, checked: str = 'Fit for use')
 
 def verdict(outcome: Outcome) -> Verdict:
     """Whether the model is complete, and what was found; the assessment says whether to use the result."""
+    level: Level
     d, p = outcome.diagnosis, p_equals(outcome.diagnosis.p_value)
+    if outcome.earlier:
+        headline = 'The touches contradict' if outcome.earlier.contradiction else 'The touches agree with'
+        names = [item.effect.title for item in d.found]
+        sentences = [f'It has {"; ".join(names)}.'] if names else []
+        sentences += ['So few touches are not searched for new model errors.', f'Its verdict: {d.verdict}.']
+        level = 'bad' if outcome.earlier.contradiction else 'good'
+        return Verdict(f'{headline} the earlier calibration ({p}).', level, tuple(sentences))
     lack = f'The base model does not explain the touches ({p})'
     if d.verdict != 'none' and d.p_value >= 0.5:  # noise that was estimated covers the error
         lack = f'The base model explains the touches with more noise than any robot has (with that noise {p})'
-    level: Level
     if d.verdict == 'none':
         level, headline = 'good', 'The base model explains these touches'
         c = outcome.calibration
