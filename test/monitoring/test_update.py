@@ -10,7 +10,7 @@ from monitoring.simulated import CELL, DECLARED, TRUTH, moved, touches_of
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.observations import EARLIER
-from scara_kinetostatic.errors import InputError, ParameterError
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES
@@ -130,3 +130,63 @@ def test_bad_input(first: Outcome, earlier: CalibrationRecord) -> None:
 
 def _other(cell):  # type: ignore[no-untyped-def]
     return next(sign for sign in type(cell.gripper_sign) if sign is not cell.gripper_sign)
+
+
+def test_a_chain_counts_nothing_twice(first: Outcome, earlier: CalibrationRecord) -> None:
+    touches = touches_of(DECLARED, 44)
+    one, other = spread(touches, 10), touches.select(slice(1, None, 8))
+    between = CalibrationRecord.of_outcome(update(Detection.of(one), earlier, DECLARED))
+    chained = update(Detection.of(other), between, DECLARED)
+    at_once = update(
+        Detection.of(TouchSet.concatenate([one, other.replace(index=other.index + 99)])), earlier, DECLARED
+    )
+    assert between.undetected.columns and not any(between.undetected.of_robot)
+    assert np.allclose(between.shared[:12], earlier.shared[:12])
+    for name in NAMES:
+        assert abs(chained[name].value - at_once[name].value) < 0.05 * chained[name].std, name
+        assert chained[name].std == pytest.approx(at_once[name].std, rel=0.02)
+    parts = [{item.label: item.tip for item in outcome.budget} for outcome in (chained, at_once)]
+    assert parts[0].keys() == parts[1].keys()
+    document = {**between.document, 'from': {'recordings': ['a'], **between.document['from']}}
+    assert CalibrationRecord.of_document(document, 'x').checksums == {*between.document['from']['recordings']}
+    with pytest.raises(InputError, match='part of the earlier calibration'):
+        update(Detection.of(one), between, DECLARED)
+
+
+def test_a_wrong_touch_is_named_and_nothing_else_is_blamed(earlier: CalibrationRecord) -> None:
+    touches = spread(touches_of(DECLARED, 45), 12)
+    joints = touches.joints.copy()
+    joints[5] += (0.0, 2e-3)
+    for freed in ((), ('theta2', 'l2', 'p_ee', 'g_ee')):
+        found = update(Detection.of(touches.replace(joints=joints)), earlier, DECLARED, freed)
+        assert found.assessment.grade.value == 'caution'
+        assert '1 of 12 touches disagree with the others' in found.assessment.reasons[0]
+        assert [item.index for item in found.rejected] == [int(touches.index[5])]
+        assert found.earlier is not None and found.earlier.p_value > 1e-3
+
+
+def test_objects_that_were_renamed_or_taken_away(earlier: CalibrationRecord) -> None:
+    one, two, three = DECLARED.discs
+    renamed = replace(DECLARED, discs=(one, two._replace(name='other'), three))
+    found = update(Detection.of(spread(touches_of(DECLARED, 46), 9)), earlier, renamed)
+    assert found.assessment.grade.value != 'unfit'
+    fewer = replace(DECLARED, discs=(one, two))
+    touches = touches_of(DECLARED, 46)
+    touches = spread(touches.select(touches.disc < 2), 8)
+    again = update(Detection.of(touches), CalibrationRecord.of_outcome(found), fewer)
+    assert again.assessment.grade.value != 'unfit'
+
+
+def test_two_touches_say_little_and_one_is_refused(earlier: CalibrationRecord) -> None:
+    touches = spread(touches_of(DECLARED, 47), 2)
+    found = update(Detection.of(touches), earlier, DECLARED)
+    assert found.assessment.grade.value == 'caution' and '2 touches say little' in found.assessment.reasons
+    with pytest.raises(UnsupportedDataError, match='too few to bring a calibration up to date'):
+        update(Detection.of(touches.select(slice(0, 1))), earlier, DECLARED)
+
+
+def test_under_gravity_nothing_is_freed(earlier: CalibrationRecord) -> None:
+    upright = replace(DECLARED, nominal=DECLARED.nominal.replace(gravity=(0.0, -9.81)))
+    arm = replace(earlier.arm, cell=upright)
+    with pytest.raises(UnsupportedDataError, match='under gravity'):
+        update(Detection.of(touches_of(DECLARED, 48)), replace(earlier, arm=arm), upright, ['theta1'])
