@@ -664,7 +664,7 @@ def advice(evidence: Evidence) -> str:
 
 CRITERIA = (
     *(assumed, less_known_than_nominal),
-    *(mistaken, updated, negative, forgotten_gravity, upside_down, undetermined, rejected, checked),
+    *(updated, mistaken, negative, forgotten_gravity, upside_down, undetermined, rejected, checked),
     *(unexplained, ambiguous, shifted, noise, unusable, large_backlash, conformity, alike, places),
 )
 """In the order in which equally grave reasons are given."""

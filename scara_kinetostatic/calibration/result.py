@@ -387,10 +387,14 @@ class Calibration:
         return force_error(self.residual[self.used])
 
     @property
+    def is_near(self) -> bool:
+        """Whether the force error is at most half of the force."""
+        return self.force_error <= 0.5 * float(np.hypot(self.force[:, 0], self.force[:, 1]).mean())
+
+    @property
     def is_result(self) -> bool:
-        """Whether the fit converged, to a model whose force error is at most half of the force."""
-        force = float(np.hypot(self.force[:, 0], self.force[:, 1]).mean())
-        return self.termination is Termination.CONVERGED and self.force_error <= 0.5 * force
+        """Whether the fit converged, to a model that is near."""
+        return self.termination is Termination.CONVERGED and self.is_near
 
     @property
     def reduced_chi_square(self) -> float:

@@ -146,7 +146,7 @@ def update(
     state = prior_state(record, cell, freed)
     c = _fit(detection, record, cell, state, freed)
     checked = _checked(record, state, c, freed)
-    if not c.is_result:
+    if not c.is_near:
         problem = f'the touches do not fit with the earlier calibration: {_what_changed(checked.causes)}'
         raise UnsupportedDataError(problem, 'free what changed by --free, or calibrate from nothing')
     held_out = held_out_force_error(c)
@@ -271,7 +271,7 @@ def _checked(record: CalibrationRecord, state: CalibratedState, c: Calibration, 
         if name not in freed:
             std = float(evidence.ratio([place]).std[0] * state.scale[place])
             detectable[name] = SLIP_SHOWN * std if np.isfinite(std) else np.inf
-    return _Checked(p_value, causes if p_value < LEVEL or not c.is_result else Causes(), detectable)
+    return _Checked(p_value, causes if p_value < LEVEL or not c.is_near else Causes(), detectable)
 
 
 def _diagnosis(record: CalibrationRecord, c: Calibration, p_value: float) -> Diagnosis:
