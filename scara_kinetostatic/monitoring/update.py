@@ -15,6 +15,7 @@ it is no part of the prior, and stays in the covariance of the result.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -223,7 +224,8 @@ def _stays(record: CalibrationRecord) -> list[Contribution]:
     moved = undetected.of_all(len(record.names))[:values]
     for text, of_robot, column in zip(undetected.columns, undetected.of_robot, moved.T, strict=True):
         if not of_robot:
-            label = f'{UNDETECTED}[{text.partition("[")[0].partition(".")[0]}]'
+            name, *_ = re.split(r'[\[|]', text)
+            label = f'{UNDETECTED}[{name}]'
             part = np.outer(column, column)
             parts[label] = parts.get(label, 0.0) + part
             rest = rest - part

@@ -9,7 +9,7 @@ import pytest
 from monitoring.simulated import CELL, DECLARED, TRUTH, moved, touches_of
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.observations import EARLIER
+from scara_kinetostatic.calibration.observations import EARLIER, LARGE_EFFECT
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -73,7 +73,7 @@ def test_a_new_tool(first: Outcome, earlier: CalibrationRecord) -> None:
     stated = Predictor(found.arm).locate(joints, force)
     assert (np.linalg.norm(stated.position - true, axis=1) < 4 * np.hypot(*stated.std.T)).all()
     labels = {item.label for item in found.budget}
-    assert {'noise', EARLIER} <= labels
+    assert {'noise', EARLIER} <= labels <= {'noise', EARLIER, LARGE_EFFECT, *(item.label for item in first.budget)}
     total = np.sum([part.covariance for part in found.final.contributions], axis=0)
     assert np.allclose(total, found.final.covariance)
     assert found.arm.used.postures == first.arm.used.postures
