@@ -32,7 +32,7 @@ from scara_kinetostatic.files.atomic import check_different, recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.touches.clock import SECOND
 from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 
@@ -223,15 +223,13 @@ def calibrate_touches(
             raise
         raise mistake.error(names) from error
     progress('done', 1.0)
-    before_fit = [item for item in calibration.rejected if item.index not in calibration.touches.index]
-    rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}
     return Outcome(
         calibration=calibration,
         held_out=held_out,
         diagnosis=diagnosis,
         extended_held_out=extended_held_out,
         found=detection.found,
-        rejected=tuple(rejected[index] for index in sorted(rejected)),
+        rejected=all_rejected(detection, calibration, final),
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
         first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,
@@ -240,6 +238,15 @@ def calibrate_touches(
         sources=tuple(map(str, sources)),
         recordings=recordings,
     )
+
+
+def all_rejected(detection: Detection, base: Calibration, final: Calibration) -> tuple[Rejection, ...]:
+    """The touches that are not used, by number: rejected by the detection, before the fit of the base model, by the
+    final fit.
+    """
+    before_fit = [item for item in base.rejected if item.index not in base.touches.index]
+    rejected = {item.index: item for item in (*detection.rejected, *before_fit, *final.rejected)}
+    return tuple(rejected[index] for index in sorted(rejected))
 
 
 def recordings_of(detection: Detection, sources: Sequence[str | Path]) -> tuple[Recording, ...]:

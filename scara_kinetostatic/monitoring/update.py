@@ -57,7 +57,7 @@ from scara_kinetostatic.monitoring.change import CalibratedState, Causes, Predic
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.monitoring.report import causes_document
 from scara_kinetostatic.monitoring.verification import LEVEL, count_repeated
-from scara_kinetostatic.pipeline import Progress, detect, parse_left_out, recordings_of, unreported
+from scara_kinetostatic.pipeline import Progress, all_rejected, detect, parse_left_out, recordings_of, unreported
 from scara_kinetostatic.touches.detection import Detection
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -73,7 +73,11 @@ def freed_names(texts: Sequence[str], record: CalibrationRecord, where: str = '-
 
     Raises:
         ParameterError: one is none of the calibration.
+        UnsupportedDataError: the arm stands upright.
     """
+    if texts and record.arm.cell.nominal.has_gravity:
+        problem = 'under gravity a few touches do not tell on which flank of its backlash a freed joint rests'
+        raise UnsupportedDataError(f'{where}: {problem}', 'calibrate from nothing')
     own = [name for name in record.arm.model.names if not name.startswith(UNDETECTED)]
     of_effects = {label: [name for name in own if name.startswith(f'{label}.')] for label in record.arm.model.values}
     named = set(chain.from_iterable(GROUPS.get(text) or of_effects.get(text) or (text,) for text in texts))
@@ -134,12 +138,9 @@ def update(
 
     Raises:
         InputError: the cell has another robot, or the touches were part of the earlier calibration.
-        UnsupportedDataError: too few touches, a fit that does not converge, or a part freed under gravity.
+        UnsupportedDataError: too few touches, or none of them near any fit.
     """
     same_arm(record, cell, freed, record.source, 'the cell description')
-    if freed and cell.nominal.has_gravity:
-        problem = 'under gravity a few touches do not tell on which flank of its backlash a freed joint rests'
-        raise UnsupportedDataError(f'--free: {problem}', 'calibrate from nothing')
     recordings = recordings_of(detection, sources)
     if seen := _seen(detection, record, recordings):
         raise InputError(record.source, f'{seen}: part of the earlier calibration', 'give touches made since')
@@ -151,15 +152,13 @@ def update(
         problem = f'the touches do not fit with the earlier calibration: {_what_changed(checked.causes)}'
         raise UnsupportedDataError(problem, 'free what changed by --free, or calibrate from nothing')
     held_out = held_out_force_error(c)
-    before_fit = [item for item in c.rejected if item.index not in c.touches.index]
-    rejected = {item.index: item for item in (*detection.rejected, *before_fit, *c.rejected)}
     return Outcome(
         calibration=c,
         held_out=held_out,
         diagnosis=_diagnosis(record, c, checked.p_value),
         extended_held_out=held_out,
         found=detection.found,
-        rejected=tuple(rejected[index] for index in sorted(rejected)),
+        rejected=all_rejected(detection, c, c),
         warnings=detection.warnings,
         first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,

@@ -130,8 +130,10 @@ def _size(v: Verification) -> str:
 
 def _or_by_few(v: Verification) -> str:
     """That a few touches are enough where parameters of the arm explain what has changed."""
-    best = v.causes.ranking[:1]
+    best, arm = v.causes.ranking[:1], v.record.arm
     if not best or v.causes.is_open(LEVEL) or not set(best[0].values) <= set(NAMES):
+        return ''
+    if arm.grade == Grade.UNFIT.value or arm.cell.nominal.has_gravity:  # it is no prior, or nothing can be freed
         return ''
     freed = ' '.join(f'--free {name}' for name in best[0].values)
     return f', or bring it up to date by a few touches: `calibrate --from {v.record.source} {freed}`'
